@@ -1,0 +1,107 @@
+//! From the network's output to a sub-channel and a power. Total: every output gives a legal decision.
+
+use crate::observation::Observation;
+use crate::units::{Dbm, Level, SubChannel};
+
+/// Number of joiner levels.
+pub const JOINER_LEVELS: usize = 4;
+
+/// Number of actions, and of the network's outputs.
+pub const ACTIONS: usize = 2 + JOINER_LEVELS;
+
+/// What a vehicle may do in a slot; the index is the network's output row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Action {
+    /// Send nothing (0 W).
+    Silent = 0,
+    /// Send on the home sub-channel at full power.
+    FullPower = 1,
+    /// Send on the home sub-channel so as to be received at the plan's first joiner level.
+    Joiner1 = 2,
+    /// The same at the second level.
+    Joiner2 = 3,
+    /// The same at the third level.
+    Joiner3 = 4,
+    /// The same at the fourth level.
+    Joiner4 = 5,
+}
+
+impl Action {
+    /// All actions in the order of the network's outputs.
+    pub const ALL: [Self; ACTIONS] = [
+        Self::Silent,
+        Self::FullPower,
+        Self::Joiner1,
+        Self::Joiner2,
+        Self::Joiner3,
+        Self::Joiner4,
+    ];
+
+    /// The joiner actions from the lowest level up.
+    pub const JOINERS: [Self; JOINER_LEVELS] = [Self::Joiner1, Self::Joiner2, Self::Joiner3, Self::Joiner4];
+
+    /// The action with the largest output; of equal ones the first, so silence wins every tie.
+    pub fn from_outputs(outputs: &[i32; ACTIONS]) -> Self {
+        let mut best = (Self::Silent, i32::MIN);
+        for (action, &output) in Self::ALL.into_iter().zip(outputs) {
+            if output > best.1 {
+                best = (action, output);
+            }
+        }
+        best.0
+    }
+}
+
+/// One slot's decision: at most one sub-channel (the paper's C3), and exactly 0 W or a power up to the plan's maximum (C4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Decision {
+    /// 0 W.
+    Silent,
+    /// Send.
+    Transmit {
+        /// On this sub-channel.
+        sub_channel: SubChannel,
+        /// With this power.
+        power: Dbm,
+    },
+}
+
+/// How actions become power. A table carries one, since its network was trained with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PowerPlan {
+    /// Full power.
+    pub max_power: Dbm,
+    /// Levels, in dB over noise at the base station, at which joiners aim to be received; each captures the receiver
+    /// from all lower ones together.
+    pub joiner_levels: [Level; JOINER_LEVELS],
+}
+
+impl PowerPlan {
+    /// The decision that carries out `action`.
+    pub fn decision(&self, action: Action, observation: &Observation) -> Decision {
+        let [first, second, third, fourth] = self.joiner_levels;
+        match action {
+            Action::Silent => Decision::Silent,
+            Action::FullPower => Decision::Transmit {
+                sub_channel: observation.home(),
+                power: self.max_power,
+            },
+            Action::Joiner1 => self.received_at(first, observation.home(), observation.home_gain()),
+            Action::Joiner2 => self.received_at(second, observation.home(), observation.home_gain()),
+            Action::Joiner3 => self.received_at(third, observation.home(), observation.home_gain()),
+            Action::Joiner4 => self.received_at(fourth, observation.home(), observation.home_gain()),
+        }
+    }
+
+    /// Sends so as to be received at `level` by a base station that would receive full power at `gain`.
+    pub(crate) fn received_at(&self, level: Level, sub_channel: SubChannel, gain: Level) -> Decision {
+        let reduction = gain.to_bits().saturating_sub(level.to_bits()).max(0);
+        Decision::Transmit {
+            sub_channel,
+            power: Dbm::from_bits(self.max_power.to_bits().saturating_sub(reduction)),
+        }
+    }
+}

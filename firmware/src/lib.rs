@@ -1,0 +1,50 @@
+//! What a connected-vehicle unit runs in every 1 ms slot: from what it alone can sense, decide on which sub-channel and
+//! with what power to send to the base station, or to stay silent.
+//!
+//! The path of one slot:
+//!
+//! ```text
+//! link::Receiver -> Measurement -> Observation -> actor::Actor -> Action -> Decision -> link::encode
+//!                   `----------------- unit::Unit keeps what outlives a slot ----------------'
+//! ```
+//!
+//! * [`units`]: slot index, age, sub-channel, levels, power.
+//! * [`measurement`]: what the modem hands over in a slot, validated once.
+//! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there.
+//! * [`actor`]: dense int8 layers with an exact integer specification.
+//! * [`decision`]: network output to sub-channel and power; total.
+//! * [`table`]: the weight-table format, read in place. [`tables`]: the tables built into the image.
+//! * [`unit`]: the state machine over slots, with its fallback when a measurement is missing.
+//! * [`link`]: frames between modem and unit.
+//! * [`telemetry`]: counters for people; never part of a decision.
+//!
+//! The library is `no_std`, allocates nothing and cannot panic on any validated input. It knows no base station, no
+//! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code.
+//!
+//! # Features
+//! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). A host program that enables
+//!   it must define a `#[defmt::global_logger]`.
+#![no_std]
+#![deny(
+    missing_docs,
+    clippy::indexing_slicing,
+    clippy::panic,
+    clippy::expect_used,
+    clippy::unwrap_used,
+    clippy::arithmetic_side_effects
+)]
+
+mod fmt;
+
+pub mod actor;
+pub mod decision;
+pub mod link;
+pub mod measurement;
+pub mod observation;
+mod reciprocal;
+pub mod table;
+pub mod tables;
+pub mod telemetry;
+pub mod tracker;
+pub mod unit;
+pub mod units;

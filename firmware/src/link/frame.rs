@@ -1,0 +1,154 @@
+//! What the frames say.
+
+use super::LinkError;
+use crate::decision::Decision;
+use crate::measurement::{Broadcast, Measurement, MeasurementError};
+use crate::table::CHECKSUM;
+use crate::unit::{Event, Report, State};
+use crate::units::{Dbm, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Longest frame on the wire with its delimiter: 47 bytes of fields and checksum at most, one of COBS overhead, the
+/// delimiter, rounded up.
+pub const MAX_FRAME: usize = 64;
+
+/// From the modem, once a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ModemFrame {
+    /// The slot's readings.
+    Measurement(MeasurementFrame),
+    /// A slot in which the modem could not measure.
+    Missed {
+        /// The slot's index.
+        slot: u32,
+    },
+}
+
+/// A slot's readings as they are sent; [`Measurement`] says what they mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeasurementFrame {
+    /// Index of the slot to be decided.
+    pub slot: u32,
+    /// Level at full power in 1/256 dB over noise.
+    pub gain: [i16; SUB_CHANNELS],
+    /// Noise plus interference of the slot before in 1/256 dB over noise.
+    pub interference: [i16; SUB_CHANNELS],
+    /// The latest acknowledged slot.
+    pub last_acknowledged: Option<u32>,
+    /// The home sub-channel.
+    pub home: u8,
+    /// The period in slots.
+    pub period: u8,
+    /// The joiner probability, `256 p - 1`.
+    pub joiner_probability: u8,
+}
+
+/// From the unit, once a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct UnitFrame {
+    /// The decided slot.
+    pub slot: u32,
+    /// `None`: silent. Otherwise the sub-channel and the power in 1/256 dBm.
+    pub transmit: Option<(u8, i16)>,
+    /// [`State`] by its order: 0 nominal, 1 degraded, 2 no table, 3 no measurement.
+    pub state: u8,
+}
+
+impl ModemFrame {
+    /// The event that the frame reports.
+    ///
+    /// # Errors
+    /// The first reading that cannot be.
+    pub fn event(&self) -> Result<Event, MeasurementError> {
+        match self {
+            Self::Missed { slot } => Ok(Event::Missed(SlotIndex(*slot))),
+            Self::Measurement(frame) => frame.measurement().map(Event::Measured),
+        }
+    }
+}
+
+impl MeasurementFrame {
+    /// The checked measurement.
+    ///
+    /// # Errors
+    /// The first reading that cannot be.
+    pub fn measurement(&self) -> Result<Measurement, MeasurementError> {
+        let broadcast = Broadcast {
+            home: SubChannel::new(self.home).ok_or(MeasurementError::Home(self.home))?,
+            period: Period::new(self.period).ok_or(MeasurementError::Period(self.period))?,
+            joiner_probability: JoinerProbability::from_code(self.joiner_probability),
+        };
+        Measurement::new(
+            SlotIndex(self.slot),
+            self.gain.map(Level::from_bits),
+            self.interference.map(Level::from_bits),
+            self.last_acknowledged.map(SlotIndex),
+            broadcast,
+        )
+    }
+}
+
+impl From<&Measurement> for MeasurementFrame {
+    fn from(measurement: &Measurement) -> Self {
+        let broadcast = measurement.broadcast();
+        Self {
+            slot: measurement.slot().0,
+            gain: measurement.gain().map(Level::to_bits),
+            interference: measurement.interference().map(Level::to_bits),
+            last_acknowledged: measurement.last_acknowledged().map(|slot| slot.0),
+            home: broadcast.home.index() as u8,
+            period: broadcast.period.slots(),
+            joiner_probability: broadcast.joiner_probability.code(),
+        }
+    }
+}
+
+impl From<&Report> for UnitFrame {
+    fn from(report: &Report) -> Self {
+        Self {
+            slot: report.slot.0,
+            transmit: match report.decision {
+                Decision::Silent => None,
+                Decision::Transmit { sub_channel, power } => {
+                    Some((sub_channel.index() as u8, power.to_bits()))
+                }
+            },
+            state: match report.state {
+                State::Nominal => 0,
+                State::Degraded => 1,
+                State::NoTable => 2,
+                State::NoMeasurement => 3,
+            },
+        }
+    }
+}
+
+impl UnitFrame {
+    /// The decision, or `None` for a sub-channel that does not exist.
+    pub fn decision(&self) -> Option<Decision> {
+        match self.transmit {
+            None => Some(Decision::Silent),
+            Some((sub_channel, power)) => Some(Decision::Transmit {
+                sub_channel: SubChannel::new(sub_channel)?,
+                power: Dbm::from_bits(power),
+            }),
+        }
+    }
+}
+
+/// A frame as it goes over the wire, delimiter included.
+///
+/// # Errors
+/// [`LinkError::Encoding`] if the frame does not fit [`MAX_FRAME`]; no frame of this module is that long.
+pub fn encode<T: Serialize>(frame: &T) -> Result<Vec<u8, MAX_FRAME>, LinkError> {
+    let mut plain = [0; MAX_FRAME];
+    let fields =
+        postcard::to_slice_crc32(frame, &mut plain, CHECKSUM.digest()).map_err(|_| LinkError::Encoding)?;
+    let mut wire = Vec::new();
+    wire.resize_default(MAX_FRAME).map_err(|_| LinkError::Encoding)?;
+    let length = cobs::try_encode(fields, &mut wire).map_err(|_| LinkError::Encoding)?;
+    wire.truncate(length);
+    wire.push(0).map_err(|_| LinkError::Encoding)?;
+    Ok(wire)
+}

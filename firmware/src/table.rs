@@ -1,0 +1,376 @@
+//! The weight-table format: one frozen network with its geometry, scales and provenance, protected by a CRC-32 and
+//! read in place from flash.
+//!
+//! # Layout
+//! Little-endian throughout; offsets in bytes.
+//!
+//! | offset | type | field |
+//! |---|---|---|
+//! | 0 | 4 bytes | magic `FLAT` |
+//! | 4 | u16 | version, 1 |
+//! | 6 | u8 | number of dense layers, 1 to [`MAX_LAYERS`] |
+//! | 7 | u8 | sub-channels, 3 |
+//! | 8 | u32 | length of the whole table with its checksum |
+//! | 12 | u16 | most vehicles in the cell it was trained for |
+//! | 14 | i16 | required SINR in 1/256 dB |
+//! | 16 | i16 | full power in 1/256 dBm |
+//! | 18 | 4 x i16 | joiner levels in 1/256 dB over noise |
+//! | 26 | u16 | 0 |
+//! | 28 | 5 x u16 | widths: inputs, then each layer's outputs; unused ones 0 |
+//! | 38 | u8 | 1 if the sources had uncommitted changes, else 0 |
+//! | 39 | u8 | 0 |
+//! | 40 | u64 | training seed |
+//! | 48 | 20 bytes | source revision (git object name; zeros if unknown) |
+//! | 68 | 5 x u32 | scale of the inputs, then of each layer's outputs: the real value of one step, in 2^-24 |
+//! | 88 | layers | each: `outputs` x i32 biases, `outputs` x i32 multipliers, `outputs x inputs` i8 weights, zeros to a multiple of 4 |
+//! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
+//!
+//! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`]).
+
+use crate::actor::{DenseLayer, MAX_WIDTH};
+use crate::decision::{ACTIONS, JOINER_LEVELS, PowerPlan};
+use crate::observation::INPUTS;
+use crate::units::{Dbm, Level, SUB_CHANNELS};
+use crc::{CRC_32_ISO_HDLC, Crc};
+use heapless::Vec;
+
+/// First bytes of a table.
+pub const MAGIC: [u8; 4] = *b"FLAT";
+/// The format's version.
+pub const VERSION: u16 = 1;
+/// Most dense layers in a table.
+pub const MAX_LAYERS: usize = 4;
+/// Bytes before the first layer.
+pub const HEADER_LEN: usize = 88;
+
+/// The table's checksum.
+pub const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// Bytes aligned to a word, as weights should lie in flash.
+#[repr(C, align(4))]
+#[derive(Debug)]
+pub struct Aligned<const LEN: usize>(pub [u8; LEN]);
+
+/// Where a table comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Provenance {
+    /// The seed it was trained with.
+    pub seed: u64,
+    /// The git revision of the sources that trained it; zeros if unknown.
+    pub revision: [u8; 20],
+    /// Whether those sources had uncommitted changes.
+    pub modified: bool,
+}
+
+/// Why bytes are no usable table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum TableError {
+    /// Shorter than a header and a checksum.
+    Truncated {
+        /// Bytes there are.
+        found: u32,
+        /// Bytes there should be, at least.
+        expected: u32,
+    },
+    /// The first four bytes are not [`MAGIC`].
+    Magic([u8; 4]),
+    /// A version this firmware does not read.
+    Version(u16),
+    /// The length field does not match the bytes.
+    Length {
+        /// What the header says.
+        header: u32,
+        /// Bytes there are.
+        found: u32,
+    },
+    /// The checksum does not match: the table is damaged.
+    Checksum {
+        /// What the table says.
+        stored: u32,
+        /// What its bytes give.
+        computed: u32,
+    },
+    /// A field has a value this firmware cannot serve.
+    Field {
+        /// Its name.
+        name: &'static str,
+        /// What was found.
+        found: i32,
+        /// The value, or the largest magnitude, that is accepted.
+        expected: i32,
+    },
+}
+
+impl core::fmt::Display for TableError {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Truncated { found, expected } => {
+                write!(
+                    formatter,
+                    "truncated: found {found} bytes, expected at least {expected}"
+                )
+            }
+            Self::Magic(found) => write!(
+                formatter,
+                "magic: found {found:02x?}, expected {MAGIC:02x?} (FLAT)"
+            ),
+            Self::Version(found) => write!(formatter, "version: found {found}, expected {VERSION}"),
+            Self::Length { header, found } => {
+                write!(
+                    formatter,
+                    "length: found {found} bytes, expected {header} as the header says"
+                )
+            }
+            Self::Checksum { stored, computed } => {
+                write!(
+                    formatter,
+                    "checksum: found {computed:#010x}, expected {stored:#010x} as stored: the table is damaged"
+                )
+            }
+            Self::Field {
+                name,
+                found,
+                expected,
+            } => {
+                write!(formatter, "{name}: found {found}, expected {expected}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for TableError {}
+
+/// A checked table. Copies nothing: the layers point into the bytes.
+#[derive(Clone, Debug)]
+pub struct Table<'t> {
+    hidden: Vec<DenseLayer<'t>, { MAX_LAYERS - 1 }>,
+    output: DenseLayer<'t>,
+    scales: [u32; MAX_LAYERS + 1],
+    max_vehicles: u16,
+    required_sinr: Level,
+    power_plan: PowerPlan,
+    provenance: Provenance,
+    bytes: &'t [u8],
+}
+
+impl<'t> Table<'t> {
+    /// Checks `bytes` and reads them in place.
+    ///
+    /// # Errors
+    /// [`TableError`] names the first field that does not fit. Nothing past the checksum is trusted before it matches.
+    pub fn parse(bytes: &'t [u8]) -> Result<Self, TableError> {
+        let length = bytes.len() as u32;
+        let truncated = TableError::Truncated {
+            found: length,
+            expected: HEADER_LEN.saturating_add(4) as u32,
+        };
+        let (body, checksum) = bytes.split_last_chunk::<4>().ok_or(truncated)?;
+        if body.len() < HEADER_LEN {
+            return Err(truncated);
+        }
+        let mut reader = Reader { rest: body };
+        let magic = reader.array::<4>()?;
+        if magic != MAGIC {
+            return Err(TableError::Magic(magic));
+        }
+        let version = reader.u16()?;
+        if version != VERSION {
+            return Err(TableError::Version(version));
+        }
+        let [layers, sub_channels] = reader.array()?;
+        let header = reader.u32()?;
+        if header != length {
+            return Err(TableError::Length {
+                header,
+                found: length,
+            });
+        }
+        let (stored, computed) = (u32::from_le_bytes(*checksum), CHECKSUM.checksum(body));
+        if stored != computed {
+            return Err(TableError::Checksum { stored, computed });
+        }
+
+        expect("sub_channels", i32::from(sub_channels), SUB_CHANNELS as i32)?;
+        if layers == 0 || usize::from(layers) > MAX_LAYERS {
+            return Err(field("layers", i32::from(layers), MAX_LAYERS as i32));
+        }
+        let max_vehicles = reader.u16()?;
+        let required_sinr = reader.level()?;
+        let max_power = Dbm::from_bits(reader.level()?.to_bits());
+        let mut joiner_levels = [Level::ZERO; JOINER_LEVELS];
+        for level in &mut joiner_levels {
+            *level = reader.level()?;
+        }
+        expect("reserved", i32::from(reader.u16()?), 0)?;
+        let mut widths = [0_usize; MAX_LAYERS + 1];
+        for (index, width) in widths.iter_mut().enumerate() {
+            *width = usize::from(reader.u16()?);
+            let used = index <= usize::from(layers);
+            if *width > MAX_WIDTH || (*width > 0) != used {
+                return Err(field(
+                    "width",
+                    *width as i32,
+                    if used { MAX_WIDTH as i32 } else { 0 },
+                ));
+            }
+        }
+        let [modified, reserved] = reader.array()?;
+        if modified > 1 {
+            return Err(field("modified", i32::from(modified), 1));
+        }
+        expect("reserved", i32::from(reserved), 0)?;
+        let seed = u64::from_le_bytes(reader.array()?);
+        let revision = reader.array()?;
+        let mut scales = [0; MAX_LAYERS + 1];
+        for scale in &mut scales {
+            *scale = reader.u32()?;
+        }
+
+        let mut hidden = Vec::new();
+        let mut output = None;
+        for window in widths.windows(2).take(usize::from(layers)) {
+            let [inputs, outputs] = *window else { continue };
+            let layer = reader.layer(inputs, outputs)?;
+            if let Some(previous) = output.replace(layer) {
+                hidden
+                    .push(previous)
+                    .map_err(|_| field("layers", i32::from(layers), MAX_LAYERS as i32))?;
+            }
+        }
+        let output = output.ok_or(field("layers", 0, MAX_LAYERS as i32))?;
+        expect("left over bytes", reader.rest.len() as i32, 0)?;
+        let inputs = hidden.first().unwrap_or(&output).inputs_len();
+        expect("inputs", inputs as i32, INPUTS as i32)?;
+        expect("outputs", output.outputs_len() as i32, ACTIONS as i32)?;
+        Ok(Self {
+            hidden,
+            output,
+            scales,
+            max_vehicles,
+            required_sinr,
+            power_plan: PowerPlan {
+                max_power,
+                joiner_levels,
+            },
+            provenance: Provenance {
+                seed,
+                revision,
+                modified: modified == 1,
+            },
+            bytes,
+        })
+    }
+
+    /// The layers before the last.
+    pub fn hidden_layers(&self) -> &[DenseLayer<'t>] {
+        &self.hidden
+    }
+
+    /// The last layer.
+    pub const fn output_layer(&self) -> &DenseLayer<'t> {
+        &self.output
+    }
+
+    /// The real value of one step of the inputs, then of each layer's outputs, in 2^-24; unused ones are 0.
+    pub const fn scales(&self) -> &[u32; MAX_LAYERS + 1] {
+        &self.scales
+    }
+
+    /// The most vehicles in a cell that the network was trained for.
+    pub const fn max_vehicles(&self) -> u16 {
+        self.max_vehicles
+    }
+
+    /// The level at which a lone transmission succeeds.
+    pub const fn required_sinr(&self) -> Level {
+        self.required_sinr
+    }
+
+    /// How the network's actions become power.
+    pub const fn power_plan(&self) -> &PowerPlan {
+        &self.power_plan
+    }
+
+    /// Where the table comes from.
+    pub const fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// The table's bytes.
+    pub const fn bytes(&self) -> &'t [u8] {
+        self.bytes
+    }
+}
+
+const fn field(name: &'static str, found: i32, expected: i32) -> TableError {
+    TableError::Field {
+        name,
+        found,
+        expected,
+    }
+}
+
+fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), TableError> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(field(name, found, expected))
+    }
+}
+
+/// Reads little-endian fields from the front of a slice.
+struct Reader<'t> {
+    rest: &'t [u8],
+}
+
+impl<'t> Reader<'t> {
+    fn take(&mut self, length: usize) -> Result<&'t [u8], TableError> {
+        let found = self.rest.len();
+        let (taken, rest) = self.rest.split_at_checked(length).ok_or(TableError::Truncated {
+            found: found as u32,
+            expected: length as u32,
+        })?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    fn array<const LEN: usize>(&mut self) -> Result<[u8; LEN], TableError> {
+        let mut array = [0; LEN];
+        array.copy_from_slice(self.take(LEN)?);
+        Ok(array)
+    }
+
+    fn u16(&mut self) -> Result<u16, TableError> {
+        Ok(u16::from_le_bytes(self.array()?))
+    }
+
+    fn u32(&mut self) -> Result<u32, TableError> {
+        Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    fn level(&mut self) -> Result<Level, TableError> {
+        Ok(Level::from_le_bytes(self.array()?))
+    }
+
+    fn layer(&mut self, inputs: usize, outputs: usize) -> Result<DenseLayer<'t>, TableError> {
+        let words = outputs.saturating_mul(4);
+        let (biases, _) = self.take(words)?.as_chunks::<4>();
+        let (multipliers, _) = self.take(words)?.as_chunks::<4>();
+        let count = outputs.saturating_mul(inputs);
+        let padded = self.take(count.next_multiple_of(4))?;
+        let (weights, padding) = padded.split_at_checked(count).unwrap_or((padded, &[]));
+        for bias in biases {
+            let bias = i32::from_le_bytes(*bias);
+            if bias.unsigned_abs() > crate::actor::MAX_BIAS.unsigned_abs() {
+                return Err(field("bias", bias, crate::actor::MAX_BIAS));
+            }
+        }
+        if padding.iter().any(|&byte| byte != 0) {
+            return Err(field("padding", 1, 0));
+        }
+        Ok(DenseLayer::new(inputs, biases, multipliers, weights))
+    }
+}

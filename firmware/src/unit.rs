@@ -1,0 +1,193 @@
+//! The per-slot state machine: one event in, one decision out. It owns no clock and no port.
+
+use crate::actor::Actor;
+use crate::decision::{Action, Decision};
+use crate::fmt::{log_info, log_warning};
+use crate::measurement::{Broadcast, Measurement, age_at};
+use crate::observation::{Observation, turn_lost};
+use crate::table::{Table, TableError};
+use crate::tracker::LevelTracker;
+use crate::units::{Age, SlotIndex};
+use rand_core::Rng;
+
+/// Slots without a measurement after which a unit stays silent: what it knows of its channel and its turn is older than
+/// the longest age.
+pub const MAX_MISSED: u8 = Age::MAX.slots();
+
+/// What a slot brings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The modem measured.
+    Measured(Measurement),
+    /// The modem could not measure in this slot.
+    Missed(SlotIndex),
+}
+
+/// How well the unit works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum State {
+    /// The actor decides on a measurement.
+    Nominal,
+    /// The measurement is missing: the unit keeps its turn and backs off as a joiner.
+    Degraded,
+    /// The unit sends nothing because it has no usable table.
+    NoTable,
+    /// The unit sends nothing because it knows too little: no measurement yet, or none for [`MAX_MISSED`] slots.
+    NoMeasurement,
+}
+
+/// One slot's outcome.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// The decided slot.
+    pub slot: SlotIndex,
+    /// What to send.
+    pub decision: Decision,
+    /// On what grounds.
+    pub state: State,
+}
+
+/// A vehicle's unit. `R` drives the fallback's back-off; nominal decisions use no generator.
+#[derive(Clone, Debug)]
+pub struct Unit<'t, R> {
+    actor: Result<Actor<'t>, TableError>,
+    back_off: R,
+    tracker: LevelTracker,
+    known: Option<Known>,
+    missed: u8,
+    slot: Option<SlotIndex>,
+}
+
+/// What the last measurement said that outlives its slot.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    last_acknowledged: Option<SlotIndex>,
+    broadcast: Broadcast,
+}
+
+impl<'t, R: Rng> Unit<'t, R> {
+    /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent for ever and says why
+    /// ([`Unit::table`]).
+    pub fn new(bytes: &'t [u8], back_off: R) -> Self {
+        let table = Table::parse(bytes);
+        match &table {
+            Ok(table) => log_info!(
+                "table of seed {} serves {} vehicles",
+                table.provenance().seed,
+                table.max_vehicles()
+            ),
+            Err(error) => log_warning!("silent: {}", error),
+        }
+        let actor = table.map(Actor::new);
+        Self {
+            actor,
+            back_off,
+            tracker: LevelTracker::default(),
+            known: None,
+            missed: 0,
+            slot: None,
+        }
+    }
+
+    /// The table, or why there is none.
+    pub fn table(&self) -> Result<&Table<'t>, TableError> {
+        self.actor.as_ref().map(Actor::table).map_err(|error| *error)
+    }
+
+    /// Decides one slot. `None` if the slot was decided before: a duplicate or a late event must not make the vehicle send
+    /// twice. A slot index that jumps back by more than [`MAX_MISSED`] is a modem that restarted, and is decided.
+    pub fn slot(&mut self, event: &Event) -> Option<Report> {
+        let slot = match event {
+            Event::Measured(measurement) => measurement.slot(),
+            Event::Missed(slot) => *slot,
+        };
+        if let Some(previous) = self.slot
+            && previous.since(slot) <= u32::from(MAX_MISSED)
+        {
+            log_warning!("slot {} was decided before", slot.0);
+            return None;
+        }
+        let elapsed = self.slot.map_or(1, |previous| slot.since(previous));
+        self.slot = Some(slot);
+        let (decision, state) = match event {
+            Event::Measured(measurement) => self.measured(measurement, elapsed),
+            Event::Missed(_) => self.missed(slot, elapsed),
+        };
+        Some(Report {
+            slot,
+            decision,
+            state,
+        })
+    }
+
+    fn measured(&mut self, measurement: &Measurement, elapsed: u32) -> (Decision, State) {
+        self.pass(elapsed.saturating_sub(1));
+        self.missed = 0;
+        self.tracker.measure(measurement.gain());
+        self.known = Some(Known {
+            last_acknowledged: measurement.last_acknowledged(),
+            broadcast: *measurement.broadcast(),
+        });
+        match &mut self.actor {
+            Ok(actor) => (actor.decide(&Observation::new(measurement)), State::Nominal),
+            Err(_) => (Decision::Silent, State::NoTable),
+        }
+    }
+
+    fn missed(&mut self, slot: SlotIndex, elapsed: u32) -> (Decision, State) {
+        self.pass(elapsed);
+        let Ok(actor) = &self.actor else {
+            return (Decision::Silent, State::NoTable);
+        };
+        let (Some(known), Some(level)) = (self.known, self.tracker.predicted()) else {
+            return (Decision::Silent, State::NoMeasurement);
+        };
+        if self.missed >= MAX_MISSED {
+            return (Decision::Silent, State::NoMeasurement);
+        }
+        let table = actor.table();
+        let Broadcast {
+            home,
+            period,
+            joiner_probability,
+        } = known.broadcast;
+        let age = age_at(slot, known.last_acknowledged);
+        let own_turn = crate::reciprocal::remainder(age.slots(), period.slots()) == 0;
+        let plan = table.power_plan();
+        // One draw in every slot, whatever the branch, so that the stream does not depend on the data.
+        let [draw, level_draw, ..] = self.back_off.next_u32().to_le_bytes();
+        let decision = if level < table.required_sinr() {
+            Decision::Silent
+        } else if turn_lost(age, period) {
+            if u16::from(draw) < joiner_probability.in_256ths() {
+                let joiner_level = plan.joiner_levels.get(usize::from(level_draw >> 6)).copied();
+                plan.received_at(joiner_level.unwrap_or(level), home, level)
+            } else {
+                Decision::Silent
+            }
+        } else if own_turn {
+            Decision::Transmit {
+                sub_channel: home,
+                power: plan.max_power,
+            }
+        } else {
+            Decision::Silent
+        };
+        (decision, State::Degraded)
+    }
+
+    /// Lets slots without a measurement pass.
+    fn pass(&mut self, slots: u32) {
+        // Past the limit the prediction is no longer used, so the loop is bounded.
+        for _ in 0..slots.min(u32::from(MAX_MISSED)) {
+            self.tracker.miss();
+            self.missed = self.missed.saturating_add(1);
+        }
+    }
+
+    /// What to do with a measurement, without deciding its slot: for tools that compare actors.
+    pub fn act(&mut self, observation: &Observation) -> Option<Action> {
+        self.actor.as_mut().ok().map(|actor| actor.act(observation))
+    }
+}

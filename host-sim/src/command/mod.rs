@@ -1,0 +1,3 @@
+//! The command line's sub-commands: each has its options and a `run`.
+
+pub mod assign;

@@ -1,0 +1,49 @@
+//! Errors a person can act on: where, what was found, what was expected.
+
+use std::path::{Path, PathBuf};
+
+/// Why a command could not do its work. Every one ends the program with exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Input that does not make sense.
+    #[error("{place}: found {found}, expected {expected}")]
+    Input {
+        /// File and line, or the name of a key or option.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+    },
+    /// A file that cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}
+
+impl Error {
+    /// Input that does not make sense.
+    pub fn input(place: impl ToString, found: impl ToString, expected: impl ToString) -> Self {
+        Self::Input {
+            place: place.to_string(),
+            found: found.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+
+    /// A file that cannot be read or written.
+    pub fn file(path: &Path, source: std::io::Error) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            source,
+        }
+    }
+}
+
+/// A result with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;

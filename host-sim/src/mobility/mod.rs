@@ -1,0 +1,3 @@
+//! Where vehicles are.
+
+pub mod floating_car_data;

@@ -1,0 +1,3 @@
+//! What people and scripts read: tables, figures, files.
+
+pub mod files;
