@@ -1,1 +1,36 @@
-fn main() {}
+//! The command line of the simulator.
+
+use clap::{Parser, Subcommand};
+use host_sim::command;
+use std::process::ExitCode;
+
+/// Age-of-information scheduling for connected vehicles: the cell around the firmware
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    run: command::run::RunArguments,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Ages of all policies on the same worlds, and what they do to travel times (the default)
+    Run(command::run::RunArguments),
+}
+
+fn main() -> ExitCode {
+    let line = CommandLine::parse();
+    let outcome = match line.command {
+        None => command::run::run(&line.run),
+        Some(Command::Run(arguments)) => command::run::run(&arguments),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,3 +1,4 @@
 //! The command line's sub-commands: each has its options and a `run`.
 
 pub mod assign;
+pub mod run;

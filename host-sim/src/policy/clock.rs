@@ -1,0 +1,63 @@
+//! The AoI clock: a decentralised protocol in which a vehicle's own age is its clock.
+//!
+//! A vehicle sends on its home sub-channel whenever its age is a multiple of its group's period, so the group's members take
+//! turns without any message between them. After a fade it waits a whole period, which keeps its turn. A vehicle that has
+//! lost its turn joins anew: with the broadcast probability, drawn from its own fading, at one of four received levels,
+//! chosen low so that a vehicle in its turn captures the receiver.
+
+use super::{Policy, power_plan};
+use crate::cell::Cell;
+use crate::scenario::Scenario;
+use firmware::decision::{Action, Decision, JOINER_LEVELS, PowerPlan};
+use firmware::observation::Observation;
+use firmware::units::Level;
+
+/// The clock for all vehicles of a cell.
+pub struct Clock {
+    power_plan: PowerPlan,
+    required: Level,
+}
+
+impl Clock {
+    /// The clock in this scenario.
+    pub fn new(scenario: &Scenario) -> Self {
+        Self {
+            power_plan: power_plan(scenario),
+            required: scenario.radio.required_level(),
+        }
+    }
+}
+
+impl Policy for Clock {
+    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
+        for &vehicle in cell.present() {
+            if let Some(measurement) = cell.measurement(vehicle) {
+                let observation = Observation::new(&measurement);
+                decisions[vehicle] = self
+                    .power_plan
+                    .decision(act(&observation, self.required), &observation);
+            }
+        }
+    }
+}
+
+/// What the clock does: the expert that networks imitate.
+pub fn act(observation: &Observation, required: Level) -> Action {
+    if observation.home_gain() < required {
+        return Action::Silent;
+    }
+    // Two strong vehicles on one turn would collide for ever: they part. Weak ones are more likely faded, and keep it.
+    if observation.turn_lost() || (observation.overdue() && observation.strong()) {
+        // Below the joiner probability the thinned draw is uniform again, so it also chooses the level.
+        let draw = observation.thinned_uniform();
+        return match (draw as usize * JOINER_LEVELS) >> 16 {
+            index if index < JOINER_LEVELS => Action::JOINERS[index],
+            _ => Action::Silent,
+        };
+    }
+    if observation.own_turn() {
+        Action::FullPower
+    } else {
+        Action::Silent
+    }
+}

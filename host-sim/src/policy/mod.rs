@@ -1,0 +1,159 @@
+//! Who decides: the firmware's actor, simple baselines, and the central scheduler as the bound in practice.
+
+mod actor;
+mod aloha;
+mod always;
+mod central;
+pub mod clock;
+
+use crate::cell::Cell;
+use crate::error::{Error, Result};
+use crate::scenario::Scenario;
+use crate::stream::{Role, WorldKey};
+use firmware::decision::{Decision, PowerPlan};
+use firmware::table::Table;
+use firmware::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
+
+/// Decides for all vehicles of one world.
+pub trait Policy {
+    /// Writes the present vehicles' decisions; `decisions` has one entry for every vehicle that ever appears, all silent
+    /// beforehand.
+    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]);
+}
+
+/// The policies by their names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
+pub enum PolicyName {
+    /// The frozen int8 network, in the firmware's own units.
+    Actor,
+    /// The full-knowledge scheduler: the oldest vehicles first, each on its best free sub-channel.
+    Central,
+    /// The AoI clock that the network imitates, as rules.
+    Clock,
+    /// Slotted ALOHA from an age threshold on.
+    AgeThreshold,
+    /// Slotted ALOHA.
+    Aloha,
+    /// A random sub-channel and a random power in every slot.
+    Random,
+    /// Full power on the best sub-channel in every slot.
+    Always,
+}
+
+impl PolicyName {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Actor,
+        Self::Central,
+        Self::Clock,
+        Self::AgeThreshold,
+        Self::Aloha,
+        Self::Random,
+        Self::Always,
+    ];
+
+    /// The name on the command line and in results.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Actor => "actor",
+            Self::Central => "central",
+            Self::Clock => "clock",
+            Self::AgeThreshold => "age-threshold",
+            Self::Aloha => "aloha",
+            Self::Random => "random",
+            Self::Always => "always",
+        }
+    }
+
+    /// Whether vehicles need the base station's groups, which reach 100 members each.
+    const fn needs_groups(self) -> bool {
+        matches!(self, Self::Actor | Self::Clock)
+    }
+
+    /// Checks that the policy can serve a cell of at most `vehicles` at once.
+    ///
+    /// # Errors
+    /// [`Error::Input`] names the limit that is exceeded, or the table's property that does not fit the scenario.
+    pub fn check(self, scenario: &Scenario, vehicles: usize, table: &Table<'_>) -> Result<()> {
+        if self == Self::Actor {
+            let most = usize::from(table.max_vehicles());
+            if vehicles > most {
+                return Err(Error::input(
+                    "vehicles",
+                    vehicles,
+                    format!("at most {most}, which the table serves"),
+                ));
+            }
+            let table_dbm: f64 = table.power_plan().max_power.value().to_num();
+            if table_dbm > scenario.radio.max_power_dbm {
+                let expected = format!("at least {table_dbm} dBm, the full power of the table");
+                return Err(Error::input(
+                    "radio.max_power_dbm",
+                    scenario.radio.max_power_dbm,
+                    expected,
+                ));
+            }
+        }
+        let most = SUB_CHANNELS * 100;
+        if self.needs_groups() && vehicles > most {
+            let expected = format!("at most {most}: groups of 100 for policy {}", self.name());
+            return Err(Error::input("vehicles", vehicles, expected));
+        }
+        Ok(())
+    }
+
+    /// The policy for one world.
+    pub fn build<'t>(
+        self,
+        scenario: &Scenario,
+        table: &'t Table<'t>,
+        key: &WorldKey,
+    ) -> Box<dyn Policy + 't> {
+        let stream = key.stream(Role::Policy, self as u32);
+        match self {
+            Self::Actor => Box::new(actor::FirmwareActor::new(table, *key)),
+            Self::Central => Box::new(central::Central::new(scenario)),
+            Self::Clock => Box::new(clock::Clock::new(scenario)),
+            Self::AgeThreshold => Box::new(aloha::AgeThreshold::new(scenario, stream)),
+            Self::Aloha => Box::new(aloha::Aloha::new(scenario, stream)),
+            Self::Random => Box::new(always::Random::new(scenario, stream)),
+            Self::Always => Box::new(always::Always::new(scenario)),
+        }
+    }
+}
+
+/// How actions become power in a scenario.
+///
+/// Each joiner level captures the receiver from all lower ones together with room to spare. For SINR 7 the levels are 9.1, 77,
+/// 670 and 5,800 times the noise.
+pub fn power_plan(scenario: &Scenario) -> PowerPlan {
+    let required = scenario.radio.required_sinr();
+    let mut below = 0.0;
+    let joiner_levels = [1.3, 1.09, 1.10, 1.09].map(|room| {
+        let level = required * (1.0 + below) * room;
+        below += level;
+        Level::saturating_from_num(10.0 * libm::log10(level))
+    });
+    PowerPlan {
+        max_power: dbm(scenario.radio.max_power_dbm),
+        joiner_levels,
+    }
+}
+
+/// dBm as units know it, rounded down so that no limit is exceeded.
+fn dbm(value: f64) -> Dbm {
+    Dbm::from_bits((value * 256.0).floor() as i16)
+}
+
+/// A transmission on the sub-channel with this index.
+fn transmit(sub_channel: usize, power: Dbm) -> Decision {
+    match SubChannel::new(sub_channel as u8) {
+        Some(sub_channel) => Decision::Transmit { sub_channel, power },
+        None => Decision::Silent,
+    }
+}
+
+/// The sub-channel with the largest gain.
+fn best_sub_channel(gain_db: &[f32; SUB_CHANNELS]) -> usize {
+    (1..SUB_CHANNELS).fold(0, |best, n| if gain_db[n] > gain_db[best] { n } else { best })
+}

@@ -1,0 +1,221 @@
+//! Preset, file and settings, one laid over the other.
+
+use super::Scenario;
+use crate::error::{Error, Result};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// A scenario that comes with the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Preset {
+    /// The paper's Table I.
+    #[default]
+    Paper,
+    /// The cell of the authors' companion code: half the grid, base station in its corner.
+    Companion,
+}
+
+impl Preset {
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Paper => include_str!("../../presets/paper.toml"),
+            Self::Companion => include_str!("../../presets/companion.toml"),
+        }
+    }
+}
+
+/// Where a scenario comes from.
+#[derive(Clone, Debug, Default)]
+pub struct ScenarioSource {
+    /// The lowest layer.
+    pub preset: Preset,
+    /// A TOML file whose keys replace the preset's.
+    pub file: Option<PathBuf>,
+    /// `KEY=VALUE` settings, such as `radio.max_power_dbm=23`, which replace both.
+    pub settings: Vec<String>,
+}
+
+impl ScenarioSource {
+    /// Reads and checks the scenario.
+    ///
+    /// # Errors
+    /// [`Error::Input`] names the file and line, the key or the setting.
+    pub fn read(&self) -> Result<Scenario> {
+        let mut table = parse("preset", self.preset.text())?;
+        if let Some(path) = &self.file {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+            overlay(
+                &mut table,
+                parse(&path.display().to_string(), &text)?,
+                "",
+                Some(path),
+            )?;
+        }
+        for setting in &self.settings {
+            overlay(&mut table, parse_setting(setting)?, "", None)?;
+        }
+        let scenario: Scenario = table.try_into().map_err(|error: toml::de::Error| {
+            let place = self
+                .file
+                .as_deref()
+                .map_or("--set".to_owned(), |path| path.display().to_string());
+            Error::input(place, error.message(), "the type that the key has in the preset")
+        })?;
+        scenario.check()?;
+        Ok(scenario)
+    }
+}
+
+fn parse(place: &str, text: &str) -> Result<Table> {
+    text.parse().map_err(|error: toml::de::Error| {
+        let line = error
+            .span()
+            .map_or(1, |span| text[..span.start].lines().count().max(1));
+        Error::input(format!("{place}:{line}"), error.message(), "TOML")
+    })
+}
+
+/// `a.b=value` as a nested table; a value that is no TOML is text.
+fn parse_setting(setting: &str) -> Result<Table> {
+    let (key, value) = setting
+        .split_once('=')
+        .ok_or_else(|| Error::input("--set", format!("\"{setting}\""), "KEY=VALUE"))?;
+    let value = format!("value = {value}")
+        .parse::<Table>()
+        .ok()
+        .and_then(|mut table| table.remove("value"))
+        .unwrap_or_else(|| Value::String(value.to_owned()));
+    let mut parts = key.trim().rsplit('.');
+    let mut table = Table::new();
+    let _ = table.insert(parts.next().unwrap_or_default().to_owned(), value);
+    for part in parts {
+        let mut outer = Table::new();
+        let _ = outer.insert(part.to_owned(), Value::Table(table));
+        table = outer;
+    }
+    Ok(table)
+}
+
+/// Replaces values of `base` by those of `layer`. Every key must exist in `base`, and a table must stay a table.
+fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) -> Result<()> {
+    let place = |key: &str| match file {
+        Some(path) => format!("{}: key {key}", path.display()),
+        None => format!("--set {key}"),
+    };
+    for (name, value) in layer {
+        let key = format!("{prefix}{name}");
+        if !base.contains_key(&name) {
+            let known: Vec<_> = base.keys().map(|known| format!("{prefix}{known}")).collect();
+            return Err(Error::input(
+                place(&key),
+                "an unknown key",
+                format!("one of {}", known.join(", ")),
+            ));
+        }
+        match (base.get_mut(&name), value) {
+            (Some(Value::Table(inner)), Value::Table(layer)) => {
+                overlay(inner, layer, &format!("{key}."), file)?
+            }
+            (Some(Value::Table(_)), other) => {
+                return Err(Error::input(
+                    place(&key),
+                    other,
+                    format!("a key below it, such as [{key}]"),
+                ));
+            }
+            (Some(slot), value) => {
+                let numbers = matches!(
+                    (&*slot, &value),
+                    (Value::Float(_), Value::Integer(_) | Value::Float(_))
+                ) || matches!((&*slot, &value), (Value::Integer(_), Value::Integer(n)) if u32::try_from(*n).is_ok());
+                if !numbers {
+                    let expected = if slot.is_float() {
+                        "a number"
+                    } else {
+                        "a whole number from 0 to 4294967295"
+                    };
+                    return Err(Error::input(place(&key), value, expected));
+                }
+                *slot = value;
+            }
+            (None, _) => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(settings: &[&str]) -> Result<Scenario> {
+        let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
+        ScenarioSource {
+            settings,
+            ..ScenarioSource::default()
+        }
+        .read()
+    }
+
+    #[test]
+    fn presets_are_complete_and_valid() {
+        let paper = read(&[]).unwrap();
+        assert_eq!(paper.cell.vehicles, 20);
+        assert_eq!(paper.radio.min_rate_kbit_per_s(), 540.0);
+        assert_eq!(paper.radio.required_sinr(), 7.0);
+        assert_eq!(paper.radio.budget_db(), 150.0);
+        let companion = ScenarioSource {
+            preset: Preset::Companion,
+            ..ScenarioSource::default()
+        }
+        .read()
+        .unwrap();
+        assert_eq!(companion.mobility.block_x_m * 2.0, paper.mobility.block_x_m);
+    }
+
+    #[test]
+    fn settings_replace_values() {
+        let scenario = read(&["cell.vehicles=7", "radio.max_power_dbm=23"]).unwrap();
+        assert_eq!((scenario.cell.vehicles, scenario.radio.max_power_dbm), (7, 23.0));
+    }
+
+    #[test]
+    fn bad_settings_name_key_and_expectation() {
+        let message = |setting: &str| read(&[setting]).unwrap_err().to_string();
+        assert!(message("radio.sub_chanels=3").starts_with(
+            "--set radio.sub_chanels: found an unknown key, expected one of radio.bandwidth_khz"
+        ));
+        assert_eq!(
+            message("cell.vehicles"),
+            "--set: found \"cell.vehicles\", expected KEY=VALUE"
+        );
+        assert_eq!(
+            message("cell.vehicles=-3"),
+            "--set cell.vehicles: found -3, expected a whole number from 0 to 4294967295"
+        );
+        assert_eq!(
+            message("cell.vehicles=0"),
+            "cell.vehicles: found 0, expected 1 to 10000"
+        );
+        assert_eq!(
+            message("radio.bandwidth_khz=nan"),
+            "radio.bandwidth_khz: found NaN, expected a finite number above 0"
+        );
+        assert_eq!(
+            message("radio.max_power_dbm=inf"),
+            "radio.max_power_dbm: found inf, expected a finite number"
+        );
+        assert_eq!(
+            message("radio.sub_channels=4"),
+            "radio.sub_channels: found 4, expected 3"
+        );
+        assert_eq!(
+            message("radio=4"),
+            "--set radio: found 4, expected a key below it, such as [radio]"
+        );
+        assert_eq!(
+            message("cell.vehicles=many"),
+            "--set cell.vehicles: found \"many\", expected a whole number from 0 to 4294967295"
+        );
+    }
+}
