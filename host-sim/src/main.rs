@@ -26,11 +26,5 @@ fn main() -> ExitCode {
         None => command::run::run(&line.run),
         Some(Command::Run(arguments)) => command::run::run(&arguments),
     };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::from(2)
-        }
-    }
+    command::finish(outcome)
 }

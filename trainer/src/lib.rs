@@ -1,1 +1,12 @@
-//! Library.
+//! Learns actor networks around the simulator's cell and the firmware's encoding, quantises them and exports weight tables.
+//!
+//! [`distil`] imitates the AoI clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
+//! what that changed; [`export`] writes tables and files; [`evaluate`] compares float and int8 on held-out worlds.
+
+pub mod command;
+pub mod distil;
+pub mod evaluate;
+pub mod export;
+pub mod network;
+pub mod quantise;
+pub mod run_folder;

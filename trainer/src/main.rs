@@ -1,1 +1,32 @@
-fn main() {}
+//! The command line of the trainer.
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+use trainer::command;
+
+/// Learns actor networks, evaluates them on held-out worlds and exports firmware tables
+#[derive(Debug, Parser)]
+#[command(version)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Distil the AoI clock into a small int8 network
+    Distil(command::distil::DistilArguments),
+    /// Ages of a table, or of a training run, on held-out worlds
+    Eval(command::eval::EvalArguments),
+    /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
+    Export(command::export::ExportArguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match CommandLine::parse().command {
+        Command::Distil(arguments) => command::distil::run(&arguments),
+        Command::Eval(arguments) => command::eval::run(&arguments),
+        Command::Export(arguments) => command::export::run(&arguments),
+    };
+    host_sim::command::finish(outcome)
+}

@@ -99,10 +99,19 @@ impl RunArguments {
     /// # Errors
     /// If the system gives no threads.
     pub fn pool(&self) -> Result<rayon::ThreadPool> {
-        let threads = self.threads.map_or(0, usize::from);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.map_err(|error| Error::input("--threads", error, "threads that the system can start"))
+        thread_pool(self.threads)
     }
+}
+
+/// A thread pool of this size; one thread a core without it.
+///
+/// # Errors
+/// If the system gives no threads.
+pub fn thread_pool(threads: Option<u16>) -> Result<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.map_or(0, usize::from))
+        .build();
+    pool.map_err(|error| Error::input("--threads", error, "threads that the system can start"))
 }
 
 /// Bytes of the asked table.
@@ -204,6 +213,11 @@ pub fn to_json(scenario: &Scenario, extent: &Extent, results: &[PolicyResult]) -
         "bound_age_ms": ideal_age_ms(scenario.cell.vehicles, scenario.radio.sub_channels),
         "policies": policies,
     })
+}
+
+/// The ages as a table for people.
+pub fn age_table(_scenario: &Scenario, _extent: &Extent, _results: &[PolicyResult]) -> String {
+    String::new()
 }
 
 /// Runs and reports.

@@ -1,0 +1,168 @@
+//! `trainer distil`: from a seed to a table.
+
+use crate::command::eval::compare;
+use crate::distil::{Distilled, Recipe, distil};
+use crate::export::{Header, source_revision, table_bytes};
+use crate::quantise::quantise;
+use crate::run_folder::RunFolder;
+use firmware::table::{Provenance, Table};
+use host_sim::command::run::parse_table;
+use host_sim::error::{Error, Result};
+use host_sim::policy::power_plan;
+use host_sim::scenario::{Scenario, ScenarioSource};
+use host_sim::simulation::Extent;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Options of `distil`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DistilArguments {
+    /// Seed of the run
+    #[arg(long, default_value_t = Recipe::default().seed)]
+    pub seed: u64,
+    /// Widths of the hidden layers
+    #[arg(long, value_delimiter = ',', default_values_t = Recipe::default().hidden,
+          value_parser = parse_width)]
+    pub hidden: Vec<usize>,
+    /// Folder for the network, the table and the report
+    #[arg(long, default_value = "out/distil")]
+    pub out: PathBuf,
+    /// Worker threads; results do not depend on them [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn parse_width(text: &str) -> std::result::Result<usize, String> {
+    let most = firmware::actor::MAX_WIDTH;
+    let width = text.parse().ok().filter(|width| (1..=most).contains(width));
+    width.ok_or_else(|| format!("expected a width from 1 to {most}"))
+}
+
+/// A table and the network behind it.
+pub struct DistilledTable {
+    /// The float network.
+    pub distilled: Distilled,
+    /// The table's bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// The top folder of the sources.
+pub fn workspace_folder() -> PathBuf {
+    let trainer = Path::new(env!("CARGO_MANIFEST_DIR"));
+    trainer.parent().unwrap_or(trainer).to_owned()
+}
+
+/// The scenario that tables are distilled in: the paper's.
+///
+/// # Errors
+/// Never for the built-in preset.
+pub fn training_scenario() -> Result<Scenario> {
+    ScenarioSource::default().read()
+}
+
+/// Where a run with this seed on the present sources comes from.
+pub fn provenance(seed: u64) -> Provenance {
+    let (revision, modified) = source_revision(&workspace_folder());
+    Provenance {
+        seed,
+        revision,
+        modified,
+    }
+}
+
+/// Distils and quantises.
+///
+/// # Errors
+/// If the network cannot be quantised.
+pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool) -> Result<DistilledTable> {
+    let scenario = training_scenario()?;
+    let progress = if hide_progress {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new(u64::from(recipe.iterations))
+    };
+    let style = ProgressStyle::with_template("distilling {bar:40} round {pos}/{len}, {eta} left, {msg}");
+    progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let distilled = distil(&scenario, recipe, |round| {
+        progress.set_position(u64::from(round.number));
+        progress.set_message(format!(
+            "cross entropy {:.4} over {} samples",
+            round.loss, round.samples
+        ));
+    });
+    progress.finish_and_clear();
+    let quantised = quantise(&distilled.network, &distilled.inputs)
+        .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
+    let header = Header {
+        max_vehicles: recipe.max_vehicles as u16,
+        required_sinr: scenario.radio.required_level(),
+        power_plan: power_plan(&scenario),
+        provenance,
+    };
+    let bytes = table_bytes(&quantised, &header);
+    // The firmware's own reader has the last word on what a table is.
+    let _: Table<'_> = parse_table(None, &bytes)?;
+    Ok(DistilledTable { distilled, bytes })
+}
+
+/// Runs and reports.
+///
+/// # Errors
+/// What cannot be quantised or written.
+pub fn run(arguments: &DistilArguments) -> Result<()> {
+    let pool = host_sim::command::run::thread_pool(arguments.threads)?;
+    let start = Instant::now();
+    let recipe = Recipe {
+        seed: arguments.seed,
+        hidden: arguments.hidden.clone(),
+        ..Recipe::default()
+    };
+    let made = pool.install(|| distil_table(&recipe, provenance(recipe.seed), arguments.json))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let table = parse_table(None, &made.bytes)?;
+    let extent = Extent {
+        seed: recipe.seed,
+        worlds: 64,
+        slots: 1000,
+        warmup: 500,
+    };
+    let comparison =
+        pool.install(|| compare(&training_scenario()?, &extent, &made.distilled.network, &table))?;
+    let report = json!({
+        "seed": recipe.seed,
+        "hidden": recipe.hidden,
+        "cross_entropy": made.distilled.loss,
+        "table_bytes": made.bytes.len(),
+        "seconds": seconds,
+        "worlds": extent.worlds,
+        "slots": extent.slots,
+        "agreement": comparison.agreement,
+        "mean_age_ms": comparison.quantised_age_ms,
+        "float_mean_age_ms": comparison.float_age_ms,
+        "age_lost_ms": comparison.quantised_age_ms - comparison.float_age_ms,
+    });
+    RunFolder::new(&arguments.out).write(&made.distilled.network, &made.bytes, &report)?;
+    if arguments.json {
+        println!("{report}");
+    } else {
+        println!(
+            "Distilled the AoI clock in {seconds:.1} s: {} bytes, cross entropy {:.5}.\n\
+             On {} held-out worlds x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.\n\
+             Written to {}.",
+            made.bytes.len(),
+            made.distilled.loss,
+            extent.worlds,
+            extent.slots,
+            comparison.quantised_age_ms,
+            comparison.float_age_ms,
+            100.0 * comparison.agreement,
+            arguments.out.display(),
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,126 @@
+//! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
+//! seed gives.
+
+use crate::command::distil::{distil_table, provenance, workspace_folder};
+use crate::distil::Recipe;
+use crate::export::{revision_text, table_source};
+use crate::run_folder::RunFolder;
+use firmware::table::Table;
+use host_sim::command::run::{parse_table, table_bytes, thread_pool};
+use host_sim::error::{Error, Result};
+use host_sim::report::files::write_whole;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Options of `export`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct ExportArguments {
+    /// Folder of a training run whose table to export [default: distil anew]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["seed", "check"])]
+    pub run: Option<PathBuf>,
+    /// Seed to distil with
+    #[arg(long, conflicts_with = "check")]
+    pub seed: Option<u64>,
+    /// Write nothing: distil with the shipped table's seed and compare every byte
+    #[arg(long)]
+    pub check: bool,
+    /// The binary file
+    #[arg(long, value_name = "FILE", default_value = "out/table.bin")]
+    pub out: PathBuf,
+    /// Worker threads; results do not depend on them [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs and reports.
+///
+/// # Errors
+/// A table that cannot be read, made or written, and a shipped one that its seed does not give.
+pub fn run(arguments: &ExportArguments) -> Result<()> {
+    let pool = thread_pool(arguments.threads)?;
+    if arguments.check {
+        return pool.install(|| check(arguments.json));
+    }
+    let bytes = match &arguments.run {
+        Some(folder) => table_bytes(Some(&RunFolder::new(folder).table()))?,
+        None => {
+            let recipe = Recipe {
+                seed: arguments.seed.unwrap_or(Recipe::default().seed),
+                ..Recipe::default()
+            };
+            pool.install(|| distil_table(&recipe, provenance(recipe.seed), arguments.json))?
+                .bytes
+        }
+    };
+    let place = arguments
+        .run
+        .as_ref()
+        .map(|folder| RunFolder::new(folder).table());
+    let table = parse_table(place.as_deref(), &bytes)?;
+    let source = workspace_folder().join("firmware/src/tables/distilled.rs");
+    let command = "cargo run --release -p trainer -- export";
+    write_whole(&arguments.out, &bytes)?;
+    write_whole(&source, table_source(&table, "DISTILLED", command).as_bytes())?;
+    report(
+        arguments.json,
+        &table,
+        &format!("Wrote {} and {}.", source.display(), arguments.out.display()),
+    );
+    Ok(())
+}
+
+/// Distils the shipped table again, with the provenance it states.
+fn check(json: bool) -> Result<()> {
+    let shipped = parse_table(None, firmware::tables::DISTILLED)?;
+    let stated = *shipped.provenance();
+    let recipe = Recipe {
+        seed: stated.seed,
+        ..Recipe::default()
+    };
+    let made = distil_table(&recipe, stated, json)?;
+    let different = made
+        .bytes
+        .iter()
+        .zip(shipped.bytes())
+        .position(|(made, shipped)| made != shipped);
+    if made.bytes.len() != shipped.bytes().len() || different.is_some() {
+        let found = match different {
+            Some(offset) => format!("another byte at offset {offset}"),
+            None => format!("{} bytes", made.bytes.len()),
+        };
+        return Err(Error::input(
+            format!("the table of seed {}", stated.seed),
+            found,
+            format!("the {} shipped bytes", shipped.bytes().len()),
+        ));
+    }
+    report(
+        json,
+        &shipped,
+        "The shipped table is what its seed gives, byte for byte.",
+    );
+    Ok(())
+}
+
+fn report(json: bool, table: &Table<'_>, message: &str) {
+    let provenance = table.provenance();
+    let revision = revision_text(&provenance.revision);
+    if json {
+        let object = json!({
+            "seed": provenance.seed,
+            "source_revision": revision,
+            "source_modified": provenance.modified,
+            "table_bytes": table.bytes().len(),
+        });
+        println!("{object}");
+    } else {
+        println!(
+            "{message} {} bytes, seed {}, source revision {revision}.",
+            table.bytes().len(),
+            provenance.seed
+        );
+    }
+}

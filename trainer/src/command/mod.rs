@@ -1,0 +1,5 @@
+//! The command line's sub-commands.
+
+pub mod distil;
+pub mod eval;
+pub mod export;

@@ -1,0 +1,328 @@
+//! A small multilayer perceptron in f32 with its gradient and Adam.
+//!
+//! Written out here, although libraries do this faster, because a shipped table must be reproducible to the byte from its
+//! seed on any machine: every sum below has one fixed order, nothing is fused, and transcendental functions are libm's.
+//! Inner loops run over a layer's outputs, so that they vectorise without changing a sum.
+
+use host_sim::stream::Stream;
+use rayon::prelude::*;
+
+/// Samples whose gradients are summed one after the other; such sums are then added in order, whichever thread made them.
+const CHUNK: usize = 256;
+
+/// A dense layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// Row length.
+    pub inputs: usize,
+    /// Number of rows.
+    pub outputs: usize,
+    /// `[inputs][outputs]`: transposed, as the inner loops run.
+    pub weights: Vec<f32>,
+    /// `[outputs]`.
+    pub biases: Vec<f32>,
+}
+
+/// Dense layers with ReLU between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    /// From the input on.
+    pub layers: Vec<Layer>,
+}
+
+impl Layer {
+    fn zeros(inputs: usize, outputs: usize) -> Self {
+        Self {
+            inputs,
+            outputs,
+            weights: vec![0.0; inputs * outputs],
+            biases: vec![0.0; outputs],
+        }
+    }
+
+    fn forward(&self, input: &[f32], output: &mut [f32]) {
+        output.copy_from_slice(&self.biases);
+        for (&value, row) in input.iter().zip(self.weights.chunks_exact(self.outputs)) {
+            add_scaled(output, value, row);
+        }
+    }
+
+    fn parameters(&self) -> impl Iterator<Item = &f32> {
+        self.weights.iter().chain(&self.biases)
+    }
+
+    fn parameters_mut(&mut self) -> impl Iterator<Item = &mut f32> {
+        self.weights.iter_mut().chain(&mut self.biases)
+    }
+}
+
+/// `target += factor * values`.
+fn add_scaled(target: &mut [f32], factor: f32, values: &[f32]) {
+    for (target, value) in target.iter_mut().zip(values) {
+        *target += factor * value;
+    }
+}
+
+/// Activations of one sample, `[layer][unit]`; index 0 is the input.
+struct Activations(Vec<Vec<f32>>);
+
+impl Network {
+    /// A network of these widths (inputs first) with uniform weights and biases in +-1/sqrt(inputs).
+    pub fn random(widths: &[usize], stream: &mut Stream) -> Self {
+        let layers = widths.windows(2).map(|window| {
+            let mut layer = Layer::zeros(window[0], window[1]);
+            let limit = 1.0 / libm::sqrt(window[0] as f64);
+            layer
+                .parameters_mut()
+                .for_each(|parameter| *parameter = stream.uniform_between(-limit, limit) as f32);
+            layer
+        });
+        Self {
+            layers: layers.collect(),
+        }
+    }
+
+    /// Inputs and each layer's outputs.
+    pub fn widths(&self) -> Vec<usize> {
+        let inputs = self.layers.first().map(|layer| layer.inputs);
+        inputs
+            .into_iter()
+            .chain(self.layers.iter().map(|layer| layer.outputs))
+            .collect()
+    }
+
+    /// The last layer's outputs.
+    pub fn forward(&self, input: &[f32]) -> Vec<f32> {
+        let mut activations = self.activations();
+        self.run(input, &mut activations);
+        activations.0.pop().unwrap_or_default()
+    }
+
+    /// The hidden activations' largest values over samples, by layer; the outputs come last.
+    pub fn largest_activations<'a>(&self, inputs: impl Iterator<Item = &'a [f32]>) -> Vec<f32> {
+        let mut largest = vec![0.0_f32; self.layers.len()];
+        let mut activations = self.activations();
+        for input in inputs {
+            self.run(input, &mut activations);
+            for (largest, values) in largest.iter_mut().zip(&activations.0[1..]) {
+                *largest = values.iter().fold(*largest, |largest, &value| largest.max(value));
+            }
+        }
+        largest
+    }
+
+    fn activations(&self) -> Activations {
+        Activations(self.widths().into_iter().map(|width| vec![0.0; width]).collect())
+    }
+
+    fn run(&self, input: &[f32], activations: &mut Activations) {
+        activations.0[0].copy_from_slice(input);
+        let last = self.layers.len() - 1;
+        for (index, layer) in self.layers.iter().enumerate() {
+            let (before, after) = activations.0.split_at_mut(index + 1);
+            layer.forward(&before[index], &mut after[0]);
+            if index < last {
+                after[0].iter_mut().for_each(|value| *value = value.max(0.0));
+            }
+        }
+    }
+
+    /// Mean cross entropy of samples against their classes, and its gradient.
+    pub fn cross_entropy_gradient(&self, inputs: &[&[f32]], classes: &[u8]) -> (f32, Network) {
+        let transposed: Vec<Vec<f32>> = self.layers.iter().map(transpose).collect();
+        let partial: Vec<(f32, Network)> = inputs
+            .par_chunks(CHUNK)
+            .zip(classes.par_chunks(CHUNK))
+            .map(|(inputs, classes)| self.chunk_gradient(&transposed, inputs, classes))
+            .collect();
+        let scale = 1.0 / inputs.len() as f32;
+        let mut total = (0.0, self.zeros_like());
+        for (loss, gradient) in &partial {
+            total.0 += loss * scale;
+            for (total, layer) in total.1.layers.iter_mut().zip(&gradient.layers) {
+                total
+                    .parameters_mut()
+                    .zip(layer.parameters())
+                    .for_each(|(total, value)| *total += value * scale);
+            }
+        }
+        total
+    }
+
+    fn zeros_like(&self) -> Network {
+        Network {
+            layers: self
+                .layers
+                .iter()
+                .map(|layer| Layer::zeros(layer.inputs, layer.outputs))
+                .collect(),
+        }
+    }
+
+    /// Summed loss and gradient of one chunk.
+    fn chunk_gradient(&self, transposed: &[Vec<f32>], inputs: &[&[f32]], classes: &[u8]) -> (f32, Network) {
+        let mut gradient = self.zeros_like();
+        let mut activations = self.activations();
+        let mut errors = self.activations();
+        let mut loss = 0.0;
+        let last = self.layers.len();
+        for (input, &class) in inputs.iter().zip(classes) {
+            self.run(input, &mut activations);
+            loss += softmax_error(&activations.0[last], usize::from(class), &mut errors.0[last]);
+            for index in (0..last).rev() {
+                let (before, after) = errors.0.split_at_mut(index + 1);
+                let (error, layer) = (&after[0], &mut gradient.layers[index]);
+                add_scaled(&mut layer.biases, 1.0, error);
+                for (&value, row) in activations.0[index]
+                    .iter()
+                    .zip(layer.weights.chunks_exact_mut(error.len()))
+                {
+                    add_scaled(row, value, error);
+                }
+                if index > 0 {
+                    let earlier = &mut before[index];
+                    earlier.fill(0.0);
+                    for (&value, row) in error.iter().zip(transposed[index].chunks_exact(earlier.len())) {
+                        add_scaled(earlier, value, row);
+                    }
+                    for (earlier, &activation) in earlier.iter_mut().zip(&activations.0[index]) {
+                        if activation <= 0.0 {
+                            *earlier = 0.0;
+                        }
+                    }
+                }
+            }
+        }
+        (loss, gradient)
+    }
+}
+
+/// `[outputs][inputs]` of a layer's weights.
+fn transpose(layer: &Layer) -> Vec<f32> {
+    (0..layer.outputs)
+        .flat_map(|output| (0..layer.inputs).map(move |input| layer.weights[input * layer.outputs + output]))
+        .collect()
+}
+
+/// Cross entropy of a softmax, and its gradient with respect to the outputs.
+fn softmax_error(outputs: &[f32], class: usize, error: &mut [f32]) -> f32 {
+    let largest = outputs
+        .iter()
+        .fold(f32::NEG_INFINITY, |largest, &value| largest.max(value));
+    let mut sum = 0.0;
+    for (error, &output) in error.iter_mut().zip(outputs) {
+        *error = libm::expf(output - largest);
+        sum += *error;
+    }
+    error.iter_mut().for_each(|error| *error /= sum);
+    let loss = -libm::logf(error[class].max(f32::MIN_POSITIVE));
+    error[class] -= 1.0;
+    loss
+}
+
+/// Adam (Kingma and Ba 2015) with beta 0.9 and 0.999.
+pub struct Adam {
+    mean: Network,
+    square: Network,
+    decay: (f32, f32),
+}
+
+impl Adam {
+    const BETA: (f32, f32) = (0.9, 0.999);
+
+    /// For this network.
+    pub fn new(network: &Network) -> Self {
+        Self {
+            mean: network.zeros_like(),
+            square: network.zeros_like(),
+            decay: (1.0, 1.0),
+        }
+    }
+
+    /// One step down the gradient.
+    pub fn step(&mut self, network: &mut Network, gradient: &Network, learning_rate: f32) {
+        let (beta_1, beta_2) = Self::BETA;
+        self.decay.0 *= beta_1;
+        self.decay.1 *= beta_2;
+        let (correction_1, correction_2) = (1.0 - self.decay.0, 1.0 - self.decay.1);
+        let state = self.mean.layers.iter_mut().zip(&mut self.square.layers);
+        for ((layer, gradient), (mean, square)) in network.layers.iter_mut().zip(&gradient.layers).zip(state)
+        {
+            let moments = mean.parameters_mut().zip(square.parameters_mut());
+            for ((parameter, &slope), (mean, square)) in
+                layer.parameters_mut().zip(gradient.parameters()).zip(moments)
+            {
+                *mean = beta_1 * *mean + (1.0 - beta_1) * slope;
+                *square = beta_2 * *square + (1.0 - beta_2) * slope * slope;
+                let root = libm::sqrtf(*square / correction_2) + 1e-8;
+                *parameter -= learning_rate * (*mean / correction_1) / root;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::stream::{Purpose, Role, WorldKey};
+
+    fn stream() -> Stream {
+        WorldKey {
+            seed: 1,
+            purpose: Purpose::Training,
+            world: 0,
+        }
+        .stream(Role::Policy, 0)
+    }
+
+    fn samples(stream: &mut Stream, count: usize) -> (Vec<Vec<f32>>, Vec<u8>) {
+        let inputs: Vec<Vec<f32>> = (0..count)
+            .map(|_| (0..5).map(|_| stream.uniform() * 2.0 - 1.0).collect())
+            .collect();
+        let classes = inputs
+            .iter()
+            .map(|x| u8::from(x[0] > 0.0) + u8::from(x[1] > 0.3))
+            .collect();
+        (inputs, classes)
+    }
+
+    #[test]
+    fn gradient_is_that_of_finite_differences() {
+        let mut stream = stream();
+        let network = Network::random(&[5, 7, 6, 3], &mut stream);
+        let (inputs, classes) = samples(&mut stream, 40);
+        let inputs: Vec<&[f32]> = inputs.iter().map(Vec::as_slice).collect();
+        let (_, gradient) = network.cross_entropy_gradient(&inputs, &classes);
+        for layer in 0..3 {
+            for index in 0..network.layers[layer].weights.len() {
+                let loss = |change: f32| {
+                    let mut network = network.clone();
+                    network.layers[layer].weights[index] += change;
+                    network.cross_entropy_gradient(&inputs, &classes).0
+                };
+                let slope = (loss(5e-3) - loss(-5e-3)) / 1e-2;
+                let found = gradient.layers[layer].weights[index];
+                assert!(
+                    (slope - found).abs() < 2e-3,
+                    "layer {layer} weight {index}: {slope} and {found}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn learns_a_separable_task() {
+        let mut stream = stream();
+        let mut network = Network::random(&[5, 16, 3], &mut stream);
+        let (inputs, classes) = samples(&mut stream, 600);
+        let inputs: Vec<&[f32]> = inputs.iter().map(Vec::as_slice).collect();
+        let mut adam = Adam::new(&network);
+        let mut loss = f32::INFINITY;
+        for _ in 0..400 {
+            let (now, gradient) = network.cross_entropy_gradient(&inputs, &classes);
+            adam.step(&mut network, &gradient, 1e-2);
+            loss = now;
+        }
+        assert!(loss < 0.05, "{loss}");
+    }
+}
