@@ -335,8 +335,11 @@ fn a_real_trace_is_read_whole() {
     assert_eq!(records, 37_175);
 }
 
-/// Steps of (milliseconds since the step before, per vehicle perhaps a position), as a trace's text.
-fn any_steps() -> impl Strategy<Value = Vec<(u32, Vec<Option<(f64, f64, f64)>>)>> {
+/// East, north and speed, if the vehicle is there.
+type MaybeVehicle = Option<(f64, f64, f64)>;
+
+/// Steps of (milliseconds since the step before, its vehicles).
+fn any_steps() -> impl Strategy<Value = Vec<(u32, Vec<MaybeVehicle>)>> {
     let coordinate = || prop_oneof![-1e4..1e4, Just(0.1), Just(f64::MAX), Just(f64::MIN)];
     let vehicle = proptest::option::weighted(0.7, (coordinate(), coordinate(), 0.0..60.0));
     proptest::collection::vec((1_u32..500, proptest::collection::vec(vehicle, 4)), 1..12)
