@@ -14,7 +14,14 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
         _ => Path::new("."),
     };
     std::fs::create_dir_all(folder).map_err(|source| Error::file(folder, source))?;
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|source| Error::file(folder, source))?;
+    let mut builder = tempfile::Builder::new();
+    let _same = builder.suffix(".partial");
+    // A temporary file is private; what is published has the permissions that the user's umask gives.
+    #[cfg(unix)]
+    let _same = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = builder
+        .tempfile_in(folder)
+        .map_err(|source| Error::file(folder, source))?;
     file.write_all(contents)
         .map_err(|source| Error::file(path, source))?;
     file.persist(path)

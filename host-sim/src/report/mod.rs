@@ -1,3 +1,7 @@
 //! What people and scripts read: tables, figures, files.
 
+pub mod cell;
+pub mod chart;
+pub mod csv;
 pub mod files;
+pub mod text_table;

@@ -1,0 +1,74 @@
+//! Figures in one style, as SVG text.
+//!
+//! White ground, sans-serif type, at least 900 x 560 pixels; every label stands outside the data. Series differ by
+//! colour, by dash and by marker, so that a figure survives a grey printer and a colour-blind reader. The same chart
+//! gives the same bytes on every machine.
+
+mod axis;
+mod bar;
+mod canvas;
+mod line;
+
+pub use bar::{Bar, BarChart};
+pub use line::{LineChart, Point, Series};
+
+use crate::error::{Error, Result};
+
+/// How an axis maps values to length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// Equal lengths are equal differences.
+    Linear,
+    /// Equal lengths are equal ratios; values must be above zero.
+    Logarithmic,
+}
+
+/// What an axis shows.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    /// Quantity and unit: `mean age (ms)`.
+    pub label: String,
+    /// How values become lengths.
+    pub scale: Scale,
+}
+
+impl Axis {
+    /// An axis of equal differences.
+    pub fn linear(label: &str) -> Self {
+        Self {
+            label: label.to_owned(),
+            scale: Scale::Linear,
+        }
+    }
+
+    /// An axis of equal ratios.
+    pub fn logarithmic(label: &str) -> Self {
+        Self {
+            label: label.to_owned(),
+            scale: Scale::Logarithmic,
+        }
+    }
+
+    /// Refuses a value that this axis cannot show.
+    fn check(&self, chart_title: &str, value: f64) -> Result<()> {
+        let (shown, expected) = match self.scale {
+            Scale::Linear => (value.is_finite(), "a finite number"),
+            Scale::Logarithmic => (value.is_finite() && value > 0.0, "a finite number above 0"),
+        };
+        if shown {
+            Ok(())
+        } else {
+            let place = format!("figure '{chart_title}', axis '{}'", self.label);
+            Err(Error::input(place, value, expected))
+        }
+    }
+}
+
+/// A line at a fixed value, such as a bound that no policy can beat.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// What the value is.
+    pub name: String,
+    /// The value, in the unit of its axis.
+    pub value: f64,
+}
