@@ -3,7 +3,10 @@
 use firmware::units::Age;
 
 /// Slots at the start whose mean age is reported as `first100`.
-pub const COLD_START_SLOTS: u32 = 100;
+const COLD_START_SLOTS: usize = 100;
+
+/// Slots at the start whose mean ages are kept one by one.
+const START_CURVE_SLOTS: usize = 300;
 
 const AGES: usize = Age::MAX.slots() as usize + 1;
 
@@ -13,7 +16,8 @@ pub struct WorldAges {
     warmup: u32,
     /// Vehicle-slots after warm-up by age.
     histogram: [u64; AGES],
-    cold_start: Mean,
+    /// By slot from the start.
+    start: Vec<Mean>,
     /// By vehicle, after warm-up.
     by_vehicle: Vec<Mean>,
     successes: u64,
@@ -55,7 +59,7 @@ impl WorldAges {
         Self {
             warmup,
             histogram: [0; AGES],
-            cold_start: Mean::default(),
+            start: Vec::new(),
             by_vehicle: vec![Mean::default(); vehicles],
             successes: 0,
             slots: 0,
@@ -64,19 +68,21 @@ impl WorldAges {
 
     /// Takes in one slot's ages after its transmissions.
     pub fn record(&mut self, slot: u32, ages: impl Iterator<Item = (usize, Age)>, successes: usize) {
-        let (cold, warm) = (slot < COLD_START_SLOTS, slot >= self.warmup);
-        if !cold && !warm {
+        let warm = slot >= self.warmup;
+        let mut start = (self.start.len() < START_CURVE_SLOTS).then(Mean::default);
+        if start.is_none() && !warm {
             return;
         }
         for (vehicle, age) in ages {
-            if cold {
-                self.cold_start.add(age.slots());
+            if let Some(mean) = &mut start {
+                mean.add(age.slots());
             }
             if warm {
                 self.histogram[usize::from(age.slots())] += 1;
                 self.by_vehicle[vehicle].add(age.slots());
             }
         }
+        self.start.extend(start);
         if warm {
             self.slots += 1;
             self.successes += successes as u64;
@@ -109,6 +115,8 @@ pub struct AgeSummary {
     pub by_vehicle: Vec<Mean>,
     /// Fraction of vehicle-slots after warm-up at each age; index 0 is unused.
     pub distribution: Vec<f64>,
+    /// Mean over worlds and vehicles after each of the first slots.
+    pub start_ms: Vec<f64>,
 }
 
 impl AgeSummary {
@@ -118,21 +126,12 @@ impl AgeSummary {
         if means.is_empty() {
             return None;
         }
-        let count = means.len() as f64;
-        let mean_ms = means.iter().sum::<f64>() / count;
-        let ci95_ms = (means.len() > 1).then(|| {
-            let variance = means
-                .iter()
-                .map(|mean| (mean - mean_ms) * (mean - mean_ms))
-                .sum::<f64>()
-                / (count - 1.0);
-            student_t_975(means.len() - 1) * libm::sqrt(variance / count)
-        });
+        let (mean_ms, ci95_ms) = Self::mean_and_interval(&means);
         means.sort_by(f64::total_cmp);
         let median_world_ms = f64::midpoint(means[(means.len() - 1) / 2], means[means.len() / 2]);
 
         let mut histogram = [0; AGES];
-        let mut cold_start = Mean::default();
+        let mut start = vec![Mean::default(); worlds.iter().map(|world| world.start.len()).max()?];
         let mut by_vehicle = vec![Mean::default(); worlds.iter().map(|world| world.by_vehicle.len()).max()?];
         for world in worlds {
             histogram
@@ -143,8 +142,10 @@ impl AgeSummary {
                 .iter_mut()
                 .zip(&world.by_vehicle)
                 .for_each(|(total, mean)| total.merge(mean));
-            cold_start.merge(&world.cold_start);
+            start.iter_mut().zip(&world.start).for_each(|(total, mean)| total.merge(mean));
         }
+        let mut cold_start = Mean::default();
+        start.iter().take(COLD_START_SLOTS).for_each(|mean| cold_start.merge(mean));
         let slots: u64 = worlds.iter().map(|world| world.slots).sum();
         let successes: u64 = worlds.iter().map(|world| world.successes).sum();
         let vehicle_slots: u64 = histogram.iter().sum();
@@ -200,8 +201,7 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
     if vehicles <= sub_channels {
         return 1.0;
     }
-    // Served in turns, a vehicle's successive intervals are floor or ceil of V/N, and V intervals take N rounds of V.. so
-    // over a full cycle of V slots there are N intervals a vehicle, which sum to V.
+    // Served in turns, a vehicle is received N times in V slots, at intervals of floor or ceil of V/N that sum to V.
     let (short, longer) = (
         u64::from(vehicles / sub_channels),
         u64::from(vehicles % sub_channels),

@@ -214,6 +214,7 @@ fn over_noise_db(interference: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mobility::MobilitySource;
     use crate::scenario::ScenarioSource;
     use crate::stream::Purpose;
     use firmware::units::{Dbm, SubChannel};
@@ -231,7 +232,7 @@ mod tests {
             purpose: Purpose::Evaluation,
             world: 0,
         };
-        let mut cell = Cell::new(&scenario, Mobility::new(&scenario, &key), &key);
+        let mut cell = Cell::new(&scenario, Mobility::new(&MobilitySource::Grid, &scenario, &key), &key);
         let send = |n| Decision::Transmit {
             sub_channel: SubChannel::new(n).unwrap(),
             power: Dbm::from_bits(30 << 8),

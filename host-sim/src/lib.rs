@@ -2,12 +2,13 @@
 //!
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
 //! [`radio`] -> [`age`]; [`cell`] holds the loop, [`simulation`] runs many worlds of it. What ages mean for the road:
-//! [`assignment`]. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
+//! [`capacity`], [`traffic`] and [`assignment`]. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
 //! number of threads.
 
 pub mod age;
 pub mod assignment;
 pub mod base_station;
+pub mod capacity;
 pub mod cell;
 pub mod channel;
 pub mod command;
@@ -19,3 +20,4 @@ pub mod report;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;
+pub mod traffic;

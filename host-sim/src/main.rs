@@ -18,6 +18,10 @@ struct CommandLine {
 enum Command {
     /// Ages of all policies on the same worlds, and what they do to travel times (the default)
     Run(command::run::RunArguments),
+    /// User equilibrium or system optimum of a road network
+    Assign(command::assign::AssignArguments),
+    /// The paper's path-planning figures with their data
+    Figures(command::figures::FigureArguments),
 }
 
 fn main() -> ExitCode {
@@ -25,6 +29,8 @@ fn main() -> ExitCode {
     let outcome = match line.command {
         None => command::run::run(&line.run),
         Some(Command::Run(arguments)) => command::run::run(&arguments),
+        Some(Command::Assign(arguments)) => command::assign::run(&arguments),
+        Some(Command::Figures(arguments)) => command::figures::run(&arguments),
     };
     command::finish(outcome)
 }

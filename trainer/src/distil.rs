@@ -6,7 +6,7 @@ use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
 use firmware::observation::{INPUTS, ONE, Observation};
 use firmware::units::{Age, Level, SUB_CHANNELS};
 use host_sim::cell::Cell;
-use host_sim::mobility::Mobility;
+use host_sim::mobility::{Mobility, MobilitySource};
 use host_sim::policy::{clock, power_plan};
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
@@ -192,7 +192,11 @@ fn watch(
     scenario.cell.vehicles =
         recipe.min_vehicles + stream.below(recipe.max_vehicles - recipe.min_vehicles + 1);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
-    let mut cell = Cell::new(&scenario, Mobility::new(&scenario, key), key);
+    let mut cell = Cell::new(
+        &scenario,
+        Mobility::new(&MobilitySource::Grid, &scenario, key),
+        key,
+    );
     start_ages(&mut cell, &mut stream);
     let mut samples = Samples::default();
     let mut decisions = vec![Decision::Silent; cell.vehicles()];

@@ -1,6 +1,8 @@
 //! The command line's sub-commands: each has its options and a `run`.
 
 pub mod assign;
+pub mod figures;
+pub mod options;
 pub mod run;
 
 use crate::error::Result;

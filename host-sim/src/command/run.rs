@@ -1,28 +1,25 @@
-//! `host-sim run`: ages of all policies on the same worlds.
+//! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
-use crate::age::{AgeSummary, ideal_age_ms};
+use crate::age::AgeSummary;
+use crate::command::options::{ScenarioArguments, parse_table, progress_bar, table_bytes, thread_pool};
 use crate::error::{Error, Result};
+use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::scenario::{Preset, Scenario, ScenarioSource};
-use crate::simulation::{Extent, simulate_policy};
+use crate::report::{ages, files::write_whole, traffic};
+use crate::scenario::Scenario;
+use crate::simulation::{Extent, Simulation};
+use crate::traffic::{TrafficModel, TrafficSummary};
 use firmware::table::Table;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Options of `run`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RunArguments {
-    /// TOML file whose keys replace the preset's
-    #[arg(long, value_name = "FILE")]
-    pub scenario: Option<PathBuf>,
-    /// Scenario to start from
-    #[arg(long, value_enum, default_value_t)]
-    pub preset: Preset,
-    /// Replace one key, such as radio.max_power_dbm=23
-    #[arg(long, value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
     /// Policy to run (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "NAME")]
     pub policy: Vec<PolicyName>,
@@ -32,24 +29,46 @@ pub struct RunArguments {
     /// Vehicles in the cell [default: the scenario's]
     #[arg(long)]
     pub vehicles: Option<u32>,
-    /// Independent worlds
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub worlds: u32,
-    /// Slots of 1 ms that count
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
-    pub slots: u32,
+    /// Independent worlds [default: 256; 8 with a trace]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub worlds: Option<u32>,
+    /// Slots of 1 ms that count [default: 2000; to the end of a trace]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub slots: Option<u32>,
     /// Slots before them
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=100_000_000))]
     pub warmup: u32,
+    /// What moves the vehicles: the urban grid, or a file of SUMO floating-car data (.xml, .xml.gz)
+    #[arg(long, value_name = "grid|FILE", default_value = "grid")]
+    pub mobility: String,
     /// Seed of the worlds; any number is held out from training
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Worker threads; results do not depend on them [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Print one JSON object and nothing else
+    /// Folder for figures and data
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Print one JSON object and nothing else; write no files
     #[arg(long)]
     pub json: bool,
+}
+
+/// Everything a run needs, read and checked.
+pub struct PreparedRun {
+    /// The cell.
+    pub scenario: Scenario,
+    /// What moves its vehicles.
+    pub source: MobilitySource,
+    /// How much is simulated.
+    pub extent: Extent,
+    /// Which policies, in a fixed order.
+    pub policies: Vec<PolicyName>,
+    /// The actor's table.
+    pub table: Vec<u8>,
+    /// Where the table was read, if not built in.
+    pub table_path: Option<PathBuf>,
 }
 
 /// One policy's result.
@@ -58,177 +77,174 @@ pub struct PolicyResult {
     pub name: &'static str,
     /// Its ages.
     pub ages: AgeSummary,
+    /// What they do to the road; `None` with a trace.
+    pub traffic: Option<TrafficSummary>,
     /// Simulated slots (all worlds, warm-up included) per second of wall time.
     pub slots_per_second: f64,
 }
 
 impl RunArguments {
-    /// The scenario they describe.
+    /// Reads and checks all input.
     ///
     /// # Errors
-    /// What is wrong with it.
-    pub fn scenario(&self) -> Result<Scenario> {
-        let mut settings = self.set.clone();
-        settings.extend(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")));
-        ScenarioSource {
-            preset: self.preset,
-            file: self.scenario.clone(),
-            settings,
+    /// The first that does not fit.
+    pub fn prepare(&self) -> Result<PreparedRun> {
+        let source = MobilitySource::read(&self.mobility)?;
+        if let (MobilitySource::Trace(_), Some(vehicles)) = (&source, self.vehicles) {
+            return Err(Error::input("--vehicles", vehicles, "no number with a trace, which brings its own vehicles"));
         }
-        .read()
-    }
-
-    /// How much they ask for.
-    pub fn extent(&self) -> Extent {
-        Extent {
+        let scenario = self.scenario.read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
+        let (worlds, slots) = match &source {
+            MobilitySource::Grid => (256, 2000),
+            MobilitySource::Trace(trace) => (8, trace.duration_slots().saturating_sub(self.warmup)),
+        };
+        let extent = Extent {
             seed: self.seed,
-            worlds: self.worlds,
-            slots: self.slots,
+            worlds: self.worlds.unwrap_or(worlds),
+            slots: self.slots.unwrap_or(slots),
             warmup: self.warmup,
+        };
+        source.check_slots(extent.slots_per_world())?;
+        if extent.slots == 0 {
+            return Err(Error::input("--warmup", self.warmup, "less than the length of the trace"));
         }
-    }
-
-    /// The asked policies, each once, in a fixed order.
-    pub fn policies(&self) -> Vec<PolicyName> {
+        let table = table_bytes(self.table.as_deref())?;
+        let parsed = parse_table(self.table.as_deref(), &table)?;
         let asked = |policy: &PolicyName| self.policy.is_empty() || self.policy.contains(policy);
-        PolicyName::ALL.into_iter().filter(asked).collect()
+        let policies: Vec<PolicyName> = PolicyName::ALL.into_iter().filter(asked).collect();
+        for policy in &policies {
+            policy.check(&scenario, source.most_vehicles(&scenario), &parsed)?;
+        }
+        Ok(PreparedRun { scenario, source, extent, policies, table, table_path: self.table.clone() })
+    }
+}
+
+impl PreparedRun {
+    /// The worlds.
+    pub fn simulation(&self) -> Simulation<'_> {
+        Simulation { scenario: &self.scenario, source: &self.source, extent: self.extent }
     }
 
-    /// A thread pool of the asked size.
+    /// The actor's table.
     ///
     /// # Errors
-    /// If the system gives no threads.
-    pub fn pool(&self) -> Result<rayon::ThreadPool> {
-        thread_pool(self.threads)
+    /// As [`parse_table`]; never after [`RunArguments::prepare`].
+    pub fn table(&self) -> Result<Table<'_>> {
+        parse_table(self.table_path.as_deref(), &self.table)
     }
-}
 
-/// A thread pool of this size; one thread a core without it.
-///
-/// # Errors
-/// If the system gives no threads.
-pub fn thread_pool(threads: Option<u16>) -> Result<rayon::ThreadPool> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.map_or(0, usize::from))
-        .build();
-    pool.map_err(|error| Error::input("--threads", error, "threads that the system can start"))
-}
-
-/// Bytes of the asked table.
-///
-/// # Errors
-/// If the file cannot be read.
-pub fn table_bytes(path: Option<&Path>) -> Result<Vec<u8>> {
-    match path {
-        None => Ok(firmware::tables::DISTILLED.to_vec()),
-        Some(path) => std::fs::read(path).map_err(|source| Error::file(path, source)),
-    }
-}
-
-/// Checks table bytes.
-///
-/// # Errors
-/// Names the file and the field that does not fit.
-pub fn parse_table<'t>(path: Option<&Path>, bytes: &'t [u8]) -> Result<Table<'t>> {
-    let place = path.map_or("built-in table".to_owned(), |path| path.display().to_string());
-    Table::parse(bytes).map_err(|error| match error.to_string().split_once(": found ") {
-        Some((field, rest)) => {
-            let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "a table"));
-            Error::input(format!("{place}: {field}"), found, expected)
+    /// Runs the policies one after the other on the current rayon pool, each on the same worlds.
+    ///
+    /// # Errors
+    /// As [`Simulation::run`].
+    pub fn results(&self, hide_progress: bool) -> Result<Vec<PolicyResult>> {
+        let table = self.table()?;
+        let traffic = TrafficModel::new(&self.scenario)?;
+        let worlds = self.policies.len() as u64 * u64::from(self.extent.worlds);
+        let template = "{msg:14} {bar:40} {pos}/{len} worlds, {per_sec}, {eta} left";
+        let progress = progress_bar(worlds, template, hide_progress);
+        let mut results = Vec::new();
+        for policy in &self.policies {
+            progress.set_message(policy.name());
+            let start = Instant::now();
+            let (ages, roads) = self.simulation().run_policy(*policy, &table, |cell| {
+                progress.inc(1);
+                traffic.road_ages(cell)
+            })?;
+            let slots = f64::from(self.extent.worlds) * f64::from(self.extent.slots_per_world());
+            let slots_per_second = slots / start.elapsed().as_secs_f64();
+            let roads: Option<Vec<_>> = roads.into_iter().collect();
+            let traffic = roads.map(|roads| traffic.summary(ages.mean_ms, &roads)).transpose()?;
+            results.push(PolicyResult { name: policy.name(), ages, traffic, slots_per_second });
         }
-        None => Error::input(place, error, "a table"),
-    })
-}
-
-/// A progress bar on stderr for `steps` worlds.
-pub fn progress_bar(steps: u64, hidden: bool) -> ProgressBar {
-    if hidden {
-        return ProgressBar::hidden();
+        progress.finish_and_clear();
+        Ok(results)
     }
-    let style = ProgressStyle::with_template("{msg:14} {bar:40} {pos}/{len} worlds, {per_sec}, {eta} left");
-    ProgressBar::new(steps).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-}
 
-/// Runs the asked policies one after the other, each on the same worlds.
-///
-/// # Errors
-/// The first input that does not fit; nothing is simulated before every policy is checked.
-pub fn results(
-    arguments: &RunArguments,
-    scenario: &Scenario,
-    table: &Table<'_>,
-) -> Result<Vec<PolicyResult>> {
-    let (extent, policies) = (arguments.extent(), arguments.policies());
-    for policy in &policies {
-        policy.check(scenario, scenario.cell.vehicles as usize, table)?;
+    /// The JSON object of a run.
+    pub fn to_json(&self, results: &[PolicyResult]) -> Value {
+        let vehicles = self.source.vehicles(&self.scenario);
+        let policies: Vec<Value> = results.iter().map(|result| self.policy_json(vehicles, result)).collect();
+        json!({
+            "seed": self.extent.seed,
+            "warmup": self.extent.warmup,
+            "bound_age_ms": self.simulation().bound_age_ms(),
+            "scenario": self.scenario,
+            "policies": policies,
+        })
     }
-    let pool = arguments.pool()?;
-    let progress = progress_bar(policies.len() as u64 * u64::from(extent.worlds), arguments.json);
-    let mut results = Vec::new();
-    for policy in policies {
-        progress.set_message(policy.name());
-        let start = Instant::now();
-        let ages = pool.install(|| simulate_policy(scenario, &extent, policy, table, || progress.inc(1)))?;
-        let slots = f64::from(extent.worlds) * f64::from(extent.warmup + extent.slots);
-        let slots_per_second = slots / start.elapsed().as_secs_f64();
-        results.push(PolicyResult {
-            name: policy.name(),
-            ages,
-            slots_per_second,
-        });
-    }
-    progress.finish_and_clear();
-    Ok(results)
-}
 
-/// The JSON object of a run.
-pub fn to_json(scenario: &Scenario, extent: &Extent, results: &[PolicyResult]) -> Value {
-    let policies: Vec<Value> = results
-        .iter()
-        .map(
-            |PolicyResult {
-                 name,
-                 ages,
-                 slots_per_second,
-             }| {
+    fn policy_json(&self, vehicles: usize, result: &PolicyResult) -> Value {
+        let PolicyResult { name, ages, traffic, slots_per_second } = result;
+        let per_vehicle: Vec<Value> = ages
+            .by_vehicle
+            .iter()
+            .enumerate()
+            .map(|(vehicle, mean)| {
                 json!({
-                    "policy": name,
-                    "vehicles": scenario.cell.vehicles,
-                    "worlds": extent.worlds,
-                    "slots": extent.slots,
-                    "mean_age_ms": ages.mean_ms,
-                    "mean_age_ci95_ms": ages.ci95_ms,
-                    "median_world_age_ms": ages.median_world_ms,
-                    "p99_age_ms": ages.p99_ms,
-                    "first100_age_ms": ages.first100_ms,
-                    "success_per_slot": ages.success_per_slot,
-                    "slots_per_second": slots_per_second,
+                    "vehicle": self.source.vehicle_name(vehicle),
+                    "slots": mean.count(),
+                    "mean_age_ms": mean.value(),
                 })
-            },
-        )
-        .collect();
-    json!({
-        "seed": extent.seed,
-        "warmup": extent.warmup,
-        "bound_age_ms": ideal_age_ms(scenario.cell.vehicles, scenario.radio.sub_channels),
-        "policies": policies,
-    })
-}
+            })
+            .collect();
+        json!({
+            "policy": name,
+            "vehicles": vehicles,
+            "worlds": self.extent.worlds,
+            "slots": self.extent.slots,
+            "mean_age_ms": ages.mean_ms,
+            "mean_age_ci95_ms": ages.ci95_ms,
+            "median_world_age_ms": ages.median_world_ms,
+            "p99_age_ms": ages.p99_ms,
+            "first100_age_ms": ages.first100_ms,
+            "success_per_slot": ages.success_per_slot,
+            "slots_per_second": slots_per_second,
+            "traffic": traffic.as_ref().map(traffic::to_json),
+            "per_vehicle": per_vehicle,
+        })
+    }
 
-/// The ages as a table for people.
-pub fn age_table(_scenario: &Scenario, _extent: &Extent, _results: &[PolicyResult]) -> String {
-    String::new()
+    /// One line on what was simulated.
+    pub fn description(&self) -> String {
+        let Extent { seed, worlds, slots, warmup } = self.extent;
+        let who = match &self.source {
+            MobilitySource::Grid => format!("{} vehicles", self.scenario.cell.vehicles),
+            MobilitySource::Trace(trace) => {
+                let (most, _) = trace.max_simultaneous();
+                format!("{} vehicles of a trace, at most {most} at once,", trace.vehicle_ids().len())
+            }
+        };
+        let sub_channels = self.scenario.radio.sub_channels;
+        format!("{who} on {sub_channels} sub-channels, {worlds} worlds x {slots} slots after {warmup}, seed {seed}")
+    }
 }
 
 /// Runs and reports.
 ///
 /// # Errors
-/// The first input that does not fit.
+/// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let scenario = arguments.scenario()?;
-    let bytes = table_bytes(arguments.table.as_deref())?;
-    let table = parse_table(arguments.table.as_deref(), &bytes)?;
-    let results = results(arguments, &scenario, &table)?;
-    println!("{}", to_json(&scenario, &arguments.extent(), &results));
+    let prepared = arguments.prepare()?;
+    let results = thread_pool(arguments.threads)?.install(|| prepared.results(arguments.json))?;
+    let object = prepared.to_json(&results);
+    if arguments.json {
+        println!("{object}");
+        return Ok(());
+    }
+    let (description, bound_ms) = (prepared.description(), prepared.simulation().bound_age_ms());
+    println!("{}", ages::table(&results, &description, bound_ms));
+    let mut files = ages::files(&results, &description, bound_ms)?;
+    if results.iter().any(|result| result.traffic.is_some()) {
+        println!("{}", traffic::table(&results, &prepared.scenario));
+        files.push(traffic::csv(&results));
+        files.extend(traffic::paper_figures(&prepared.scenario)?);
+    }
+    files.push(("run.json".to_owned(), format!("{object:#}\n")));
+    for (name, contents) in &files {
+        write_whole(&arguments.out.join(name), contents.as_bytes())?;
+    }
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    println!("Written to {}: {}.", arguments.out.display(), names.join(", "));
     Ok(())
 }

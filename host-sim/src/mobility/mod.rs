@@ -3,8 +3,11 @@
 pub mod floating_car_data;
 mod urban_grid;
 
+use crate::error::{Error, Result};
 use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
+use floating_car_data::{Cursor, Trace};
+use std::path::Path;
 pub use urban_grid::{Heading, UrbanGrid};
 
 /// A vehicle's place, in metres from the grid's south-west corner.
@@ -18,33 +21,111 @@ pub struct Place {
     pub moved_m: f64,
 }
 
-/// Vehicles and their places. A vehicle keeps its index for good; not every vehicle is always present.
+/// What moves the vehicles of every world.
+#[derive(Debug)]
+pub enum MobilitySource {
+    /// The scenario's urban grid, another in each world.
+    Grid,
+    /// A recorded trace, the same in each world.
+    Trace(Trace),
+}
+
+impl MobilitySource {
+    /// `grid`, or a file of SUMO floating-car data.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn read(name: &str) -> Result<Self> {
+        if name == "grid" { Ok(Self::Grid) } else { Trace::read(Path::new(name)).map(Self::Trace) }
+    }
+
+    /// The most vehicles at once.
+    pub fn most_vehicles(&self, scenario: &Scenario) -> usize {
+        match self {
+            Self::Grid => scenario.cell.vehicles as usize,
+            Self::Trace(trace) => trace.max_simultaneous().0,
+        }
+    }
+
+    /// How many vehicles ever appear.
+    pub fn vehicles(&self, scenario: &Scenario) -> usize {
+        match self {
+            Self::Grid => scenario.cell.vehicles as usize,
+            Self::Trace(trace) => trace.vehicle_ids().len(),
+        }
+    }
+
+    /// A vehicle's name.
+    pub fn vehicle_name(&self, vehicle: usize) -> String {
+        match self {
+            Self::Grid => vehicle.to_string(),
+            Self::Trace(trace) => trace.vehicle_ids()[vehicle].clone(),
+        }
+    }
+
+    /// Checks that the source moves vehicles for this many slots.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the trace is shorter.
+    pub fn check_slots(&self, slots: u32) -> Result<()> {
+        match self {
+            Self::Trace(trace) if slots > trace.duration_slots() => {
+                let expected = format!("at most {}, the length of the trace", trace.duration_slots());
+                Err(Error::input("warmup + slots", slots, expected))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The moving vehicles of one world. A vehicle keeps its index for good; not every vehicle is always present.
 pub enum Mobility<'s> {
-    /// The urban grid of 3GPP TR 36.885 A.1.2.
+    /// On the urban grid of 3GPP TR 36.885 A.1.2.
     Grid(UrbanGrid<'s>),
+    /// In a trace.
+    Trace {
+        /// The present step.
+        cursor: Cursor<'s>,
+        /// Every vehicle's last known coordinates.
+        last: Vec<Option<(f64, f64)>>,
+    },
 }
 
 impl<'s> Mobility<'s> {
     /// Vehicles at their starting places.
-    pub fn new(scenario: &'s Scenario, key: &WorldKey) -> Self {
-        Self::Grid(UrbanGrid::new(
-            &scenario.mobility,
-            scenario.cell.vehicles,
-            key.stream(Role::Mobility, 0),
-        ))
+    pub fn new(source: &'s MobilitySource, scenario: &'s Scenario, key: &WorldKey) -> Self {
+        match source {
+            MobilitySource::Grid => {
+                let stream = key.stream(Role::Mobility, 0);
+                Self::Grid(UrbanGrid::new(&scenario.mobility, scenario.cell.vehicles, stream))
+            }
+            MobilitySource::Trace(trace) => {
+                Self::Trace { cursor: trace.cursor(), last: vec![None; trace.vehicle_ids().len()] }
+            }
+        }
     }
 
     /// How many vehicles ever appear.
     pub fn vehicles(&self) -> usize {
         match self {
             Self::Grid(grid) => grid.vehicles(),
+            Self::Trace { last, .. } => last.len(),
         }
     }
 
-    /// Moves on to `slots` after the start and hands over every present vehicle with its place.
+    /// Moves on to `slots` after the start and hands over every present vehicle with its place, by ascending index.
     pub fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) {
         match self {
             Self::Grid(grid) => grid.advance(slots, places),
+            Self::Trace { cursor, last } => {
+                places.clear();
+                for (vehicle, position) in cursor.advance_to(slots) {
+                    let (x_m, y_m) = (position.x_m, position.y_m);
+                    let moved_m = last[vehicle].map_or(0.0, |(x, y)| libm::hypot(x_m - x, y_m - y));
+                    last[vehicle] = Some((x_m, y_m));
+                    places.push((vehicle, Place { x_m, y_m, moved_m }));
+                }
+            }
         }
     }
 }

@@ -108,6 +108,12 @@ pub struct BaselineScenario {
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the presets document every key")]
 pub struct TrafficScenario {
+    pub free_flow_time_x_s: f64,
+    pub free_flow_time_y_s: f64,
+    pub capacity_veh_per_h: f64,
+    pub trips_per_pair_veh_per_h: f64,
+    pub bpr_factor: f64,
+    pub bpr_power: f64,
     pub max_capacity_error_veh_per_h: f64,
 }
 
@@ -191,6 +197,9 @@ impl Scenario {
             ("mobility.block_x_m", mobility.block_x_m),
             ("mobility.block_y_m", mobility.block_y_m),
             ("mobility.lane_width_m", mobility.lane_width_m),
+            ("traffic.free_flow_time_x_s", traffic.free_flow_time_x_s),
+            ("traffic.free_flow_time_y_s", traffic.free_flow_time_y_s),
+            ("traffic.capacity_veh_per_h", traffic.capacity_veh_per_h),
         ];
         for (key, value) in positive {
             within(key, value, f64::MIN_POSITIVE, 1e6, "a finite number above 0")?;
@@ -225,6 +234,13 @@ impl Scenario {
             mobility.min_speed_m_per_s,
             100.0,
             "at least mobility.min_speed_m_per_s and at most 100",
+        )?;
+        within(
+            "traffic.max_capacity_error_veh_per_h",
+            traffic.max_capacity_error_veh_per_h,
+            0.0,
+            traffic.capacity_veh_per_h.next_down(),
+            "from 0 to less than traffic.capacity_veh_per_h",
         )?;
         integer_within("cell.vehicles", cell.vehicles, 1, 10_000)?;
         integer_within(

@@ -6,12 +6,12 @@ use crate::export::{Header, source_revision, table_bytes};
 use crate::quantise::quantise;
 use crate::run_folder::RunFolder;
 use firmware::table::{Provenance, Table};
-use host_sim::command::run::parse_table;
+use host_sim::command::options::{parse_table, progress_bar, thread_pool};
 use host_sim::error::{Error, Result};
+use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
 use host_sim::scenario::{Scenario, ScenarioSource};
-use host_sim::simulation::Extent;
-use indicatif::{ProgressBar, ProgressStyle};
+use host_sim::simulation::{Extent, Simulation};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -81,13 +81,8 @@ pub fn provenance(seed: u64) -> Provenance {
 /// If the network cannot be quantised.
 pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool) -> Result<DistilledTable> {
     let scenario = training_scenario()?;
-    let progress = if hide_progress {
-        ProgressBar::hidden()
-    } else {
-        ProgressBar::new(u64::from(recipe.iterations))
-    };
-    let style = ProgressStyle::with_template("distilling {bar:40} round {pos}/{len}, {eta} left, {msg}");
-    progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let template = "distilling {bar:40} round {pos}/{len}, {eta} left, {msg}";
+    let progress = progress_bar(u64::from(recipe.iterations), template, hide_progress);
     let distilled = distil(&scenario, recipe, |round| {
         progress.set_position(u64::from(round.number));
         progress.set_message(format!(
@@ -115,7 +110,7 @@ pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool
 /// # Errors
 /// What cannot be quantised or written.
 pub fn run(arguments: &DistilArguments) -> Result<()> {
-    let pool = host_sim::command::run::thread_pool(arguments.threads)?;
+    let pool = thread_pool(arguments.threads)?;
     let start = Instant::now();
     let recipe = Recipe {
         seed: arguments.seed,

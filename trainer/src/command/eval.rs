@@ -4,11 +4,12 @@ use crate::evaluate::{Agreement, FloatActor};
 use crate::network::Network;
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
+use host_sim::command::options::thread_pool;
 use host_sim::command::run::{self, RunArguments};
 use host_sim::error::{Error, Result};
-use host_sim::policy::PolicyName;
-use host_sim::scenario::Scenario;
-use host_sim::simulation::{Extent, simulate, simulate_policy};
+use host_sim::policy::{Policy, PolicyName};
+use host_sim::report::ages;
+use host_sim::simulation::Simulation;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -34,22 +35,15 @@ pub struct Comparison {
     pub float_age_ms: f64,
 }
 
-/// Compares a network with its table.
+/// Compares a network with its table, on the current rayon pool.
 ///
 /// # Errors
 /// If the table does not serve the scenario.
-pub fn compare(
-    scenario: &Scenario,
-    extent: &Extent,
-    network: &Network,
-    table: &Table<'_>,
-) -> Result<Comparison> {
-    let quantised = simulate_policy(scenario, extent, PolicyName::Actor, table, || ())?;
+pub fn compare(simulation: &Simulation<'_>, network: &Network, table: &Table<'_>) -> Result<Comparison> {
+    let (quantised, _) = simulation.run_policy(PolicyName::Actor, table, |_| ())?;
     let agreement = Agreement::default();
-    let build = |_: &_| -> Box<dyn host_sim::policy::Policy + '_> {
-        Box::new(FloatActor::new(network, table, &agreement))
-    };
-    let float = simulate(scenario, extent, build, || ())?;
+    let build = |_: &_| -> Box<dyn Policy + '_> { Box::new(FloatActor::new(network, table, &agreement)) };
+    let (float, _) = simulation.run(build, |_| ())?;
     Ok(Comparison {
         agreement: agreement.fraction().unwrap_or(1.0),
         quantised_age_ms: quantised.mean_ms,
@@ -62,42 +56,70 @@ pub fn compare(
 /// # Errors
 /// The first input that does not fit.
 pub fn run(arguments: &EvalArguments) -> Result<()> {
-    let Some(folder) = arguments.run.as_deref().map(RunFolder::new) else {
-        return run::run(&arguments.options);
-    };
     let mut options = arguments.options.clone();
-    options.table = Some(folder.table());
-    let scenario = options.scenario()?;
-    let network = folder.read_network()?;
-    let bytes = run::table_bytes(options.table.as_deref())?;
-    let table = run::parse_table(options.table.as_deref(), &bytes)?;
-    let first = table.hidden_layers().first().unwrap_or(table.output_layer());
-    if network.widths().first() != Some(&first.inputs_len()) {
-        let found = format!("{:?} inputs", network.widths().first());
-        return Err(Error::input(
-            folder.network().display(),
-            found,
-            first.inputs_len(),
-        ));
+    let folder = arguments.run.as_deref().map(RunFolder::new);
+    if let Some(folder) = &folder {
+        options.table = Some(folder.table());
     }
-    let results = run::results(&options, &scenario, &table)?;
-    let mut object = run::to_json(&scenario, &options.extent(), &results);
-    let comparison = options
-        .pool()?
-        .install(|| compare(&scenario, &options.extent(), &network, &table))?;
-    object["float_mean_age_ms"] = json!(comparison.float_age_ms);
-    object["age_lost_ms"] = json!(comparison.quantised_age_ms - comparison.float_age_ms);
-    object["agreement"] = json!(comparison.agreement);
-    if options.json {
-        println!("{object}");
-    } else {
-        println!("{}", run::age_table(&scenario, &options.extent(), &results));
+    let prepared = options.prepare()?;
+    let table = prepared.table()?;
+    let network = folder
+        .as_ref()
+        .map(|folder| read_network(folder, &table))
+        .transpose()?;
+    let pool = thread_pool(options.threads)?;
+    let results = pool.install(|| prepared.results(options.json))?;
+    let mut object = prepared.to_json(&results);
+    if !options.json {
         println!(
-            "Float network: {:.3} ms; int8 loses {:.3} ms; {:.3} % of decisions agree.",
-            comparison.float_age_ms,
-            comparison.quantised_age_ms - comparison.float_age_ms,
-            100.0 * comparison.agreement
+            "{}",
+            ages::table(
+                &results,
+                &prepared.description(),
+                prepared.simulation().bound_age_ms()
+            )
         );
     }
+    if let Some(network) = network {
+        let comparison = pool.install(|| compare(&prepared.simulation(), &network, &table))?;
+        let age_lost_ms = comparison.quantised_age_ms - comparison.float_age_ms;
+        object["float_mean_age_ms"] = json!(comparison.float_age_ms);
+        object["age_lost_ms"] = json!(age_lost_ms);
+        object["agreement"] = json!(comparison.agreement);
+        if !options.json {
+            println!(
+                "Float network: {:.3} ms; int8 loses {age_lost_ms:.3} ms; {:.3} % of decisions agree.",
+                comparison.float_age_ms,
+                100.0 * comparison.agreement
+            );
+        }
+    }
+    if options.json {
+        println!("{object}");
+    }
     Ok(())
+}
+
+/// Reads a run's network and checks that the table is one of its kind.
+fn read_network(folder: &RunFolder, table: &Table<'_>) -> Result<Network> {
+    let network = folder.read_network()?;
+    let layers = table.hidden_layers().iter().chain([table.output_layer()]);
+    let first = table
+        .hidden_layers()
+        .first()
+        .unwrap_or(table.output_layer())
+        .inputs_len();
+    let expected: Vec<usize> = [first]
+        .into_iter()
+        .chain(layers.map(|layer| layer.outputs_len()))
+        .collect();
+    if network.widths() == expected {
+        return Ok(network);
+    }
+    let found = format!("widths {:?}", network.widths());
+    Err(Error::input(
+        folder.network().display(),
+        found,
+        format!("{expected:?} as in the table"),
+    ))
 }

@@ -6,7 +6,7 @@ use crate::distil::Recipe;
 use crate::export::{revision_text, table_source};
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
-use host_sim::command::run::{parse_table, table_bytes, thread_pool};
+use host_sim::command::options::{parse_table, table_bytes, thread_pool};
 use host_sim::error::{Error, Result};
 use host_sim::report::files::write_whole;
 use serde_json::json;

@@ -1,0 +1,44 @@
+//! `host-sim figures`: the paper's path-planning figures, with their data.
+
+use crate::command::options::ScenarioArguments;
+use crate::error::Result;
+use crate::report::{files::write_whole, traffic};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Options of `figures`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct FigureArguments {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Folder for figures (SVG) and data (CSV)
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Accepted like everywhere; these figures draw nothing at random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Draws and writes.
+///
+/// # Errors
+/// What is wrong with the scenario, or the file that cannot be written.
+pub fn run(arguments: &FigureArguments) -> Result<()> {
+    let scenario = arguments.scenario.read([])?;
+    let mut files = Vec::new();
+    for (name, contents) in traffic::paper_figures(&scenario)? {
+        let path = arguments.out.join(name);
+        write_whole(&path, contents.as_bytes())?;
+        files.push(path.display().to_string());
+    }
+    if arguments.json {
+        println!("{}", json!({ "files": files }));
+    } else {
+        println!("Written: {}.", files.join(", "));
+    }
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! What the ages of a cell do to the road: capacity error, user equilibrium, volume over capacity, travel time.
+
+use crate::age::AgeSummary;
+use crate::assignment::grid::{Axis, Direction, Grid};
+use crate::assignment::{Demand, Network, Options};
+use crate::capacity::{CapacityError, Planner, TrafficState};
+use crate::cell::Cell;
+use crate::error::Result;
+use crate::mobility::{Heading, Mobility};
+use crate::scenario::Scenario;
+use firmware::units::Age;
+use rayon::prelude::*;
+
+/// Relative gap of every equilibrium here (chosen: flows are then good to about 1e-6 veh/h on the paper's grid).
+const RELATIVE_GAP: f64 = 1e-10;
+
+/// The road network between the crossings of a scenario's grid.
+pub struct TrafficModel {
+    grid: Grid,
+    network: Network,
+    demand: Demand,
+    error: CapacityError,
+    options: Options,
+}
+
+/// What one policy's ages do to traffic.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrafficSummary {
+    /// Every road with the policy's mean age, as in the paper's figures.
+    pub uniform: TrafficState,
+    /// Every road with the age of its freshest vehicle: planned with what is believed. Means over worlds.
+    pub stale: TrafficState,
+    /// The same roads, planned with what is true. Means over worlds.
+    pub informed: TrafficState,
+    /// Mean over worlds of the time that ignorance costs a trip, in s.
+    pub regret_s_per_trip: f64,
+    /// Half the width of its 95 % interval over worlds.
+    pub regret_ci95_s_per_trip: Option<f64>,
+}
+
+/// Age of what the base station knows of each road in one world, in ms.
+pub type RoadAges = Vec<f64>;
+
+impl TrafficModel {
+    /// The network of a scenario.
+    ///
+    /// # Errors
+    /// If the scenario's grid is no network.
+    pub fn new(scenario: &Scenario) -> Result<Self> {
+        let (mobility, traffic) = (&scenario.mobility, &scenario.traffic);
+        let grid = Grid {
+            columns: mobility.blocks_x + 1,
+            rows: mobility.blocks_y + 1,
+            block_length_x: mobility.block_x_m,
+            block_length_y: mobility.block_y_m,
+            free_flow_time_x: traffic.free_flow_time_x_s,
+            free_flow_time_y: traffic.free_flow_time_y_s,
+            capacity: traffic.capacity_veh_per_h,
+            b: traffic.bpr_factor,
+            power: traffic.bpr_power,
+            volume_per_pair: traffic.trips_per_pair_veh_per_h,
+        };
+        Ok(Self {
+            network: grid.network()?,
+            demand: grid.demand()?,
+            grid,
+            error: CapacityError {
+                at_max_age: traffic.max_capacity_error_veh_per_h,
+                max_age: f64::from(Age::MAX.slots()),
+            },
+            options: Options { gap: RELATIVE_GAP, ..Options::default() },
+        })
+    }
+
+    /// What the base station knows of each road: the age of the freshest vehicle that drives on it, the largest age if
+    /// there is none. `None` for vehicles that are not on the scenario's grid.
+    pub fn road_ages(&self, cell: &Cell<'_>) -> Option<RoadAges> {
+        let Mobility::Grid(vehicles) = cell.mobility() else { return None };
+        let mut ages = vec![self.error.max_age; self.grid.roads()];
+        for &(vehicle, place) in cell.places() {
+            let heading = vehicles.heading(vehicle);
+            let (axis, direction) = match heading {
+                Heading::North => (Axis::Y, Direction::Forward),
+                Heading::South => (Axis::Y, Direction::Backward),
+                Heading::East => (Axis::X, Direction::Forward),
+                Heading::West => (Axis::X, Direction::Backward),
+            };
+            let (street, block) = match axis {
+                Axis::X => (place.y_m / self.grid.block_length_y, place.x_m / self.grid.block_length_x),
+                Axis::Y => (place.x_m / self.grid.block_length_x, place.y_m / self.grid.block_length_y),
+            };
+            // A vehicle at the very end of the last block is still on it.
+            let block = (block as u32).min(self.grid.blocks(axis) - 1);
+            if let Some(road) = self.grid.road_index(axis, street.round() as u32, block, direction) {
+                ages[road] = ages[road].min(f64::from(cell.age(vehicle).slots()));
+            }
+        }
+        Some(ages)
+    }
+
+    /// Traffic with each of these ages on all roads alike. No route changes then: the flows are planned once.
+    ///
+    /// # Errors
+    /// If the equilibrium cannot be found.
+    pub fn uniform(&self, ages_ms: &[f64]) -> Result<Vec<TrafficState>> {
+        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
+        let roads = self.grid.roads();
+        ages_ms
+            .iter()
+            .map(|&age| Ok(planner.staleness(&vec![age; roads], &self.error)?.stale))
+            .collect()
+    }
+
+    /// Plans with every world's road ages, and with the policy's mean age on every road.
+    ///
+    /// # Errors
+    /// If an equilibrium cannot be found.
+    pub fn summary(&self, mean_age_ms: f64, worlds: &[RoadAges]) -> Result<TrafficSummary> {
+        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
+        let roads = self.grid.roads();
+        let uniform = planner.staleness(&vec![mean_age_ms; roads], &self.error)?.stale;
+        let outcomes =
+            worlds.par_iter().map(|ages| planner.staleness(ages, &self.error)).collect::<Result<Vec<_>>>()?;
+        let regrets: Vec<f64> = outcomes.iter().map(|outcome| outcome.regret_per_trip).collect();
+        let (regret_s_per_trip, regret_ci95_s_per_trip) = AgeSummary::mean_and_interval(&regrets);
+        Ok(TrafficSummary {
+            uniform,
+            stale: mean_state(outcomes.iter().map(|outcome| outcome.stale)),
+            informed: mean_state(outcomes.iter().map(|outcome| outcome.informed)),
+            regret_s_per_trip,
+            regret_ci95_s_per_trip,
+        })
+    }
+}
+
+fn mean_state(states: impl Iterator<Item = TrafficState> + Clone) -> TrafficState {
+    let count = states.clone().count() as f64;
+    let mean = |value: fn(TrafficState) -> f64| states.clone().map(value).sum::<f64>() / count;
+    TrafficState {
+        mean_volume_over_capacity: mean(|state| state.mean_volume_over_capacity),
+        max_volume_over_capacity: mean(|state| state.max_volume_over_capacity),
+        mean_link_time: mean(|state| state.mean_link_time),
+        mean_trip_time: mean(|state| state.mean_trip_time),
+    }
+}
