@@ -142,10 +142,16 @@ impl AgeSummary {
                 .iter_mut()
                 .zip(&world.by_vehicle)
                 .for_each(|(total, mean)| total.merge(mean));
-            start.iter_mut().zip(&world.start).for_each(|(total, mean)| total.merge(mean));
+            start
+                .iter_mut()
+                .zip(&world.start)
+                .for_each(|(total, mean)| total.merge(mean));
         }
         let mut cold_start = Mean::default();
-        start.iter().take(COLD_START_SLOTS).for_each(|mean| cold_start.merge(mean));
+        start
+            .iter()
+            .take(COLD_START_SLOTS)
+            .for_each(|mean| cold_start.merge(mean));
         let slots: u64 = worlds.iter().map(|world| world.slots).sum();
         let successes: u64 = worlds.iter().map(|world| world.successes).sum();
         let vehicle_slots: u64 = histogram.iter().sum();
@@ -161,7 +167,19 @@ impl AgeSummary {
                 .iter()
                 .map(|&count| count as f64 / vehicle_slots as f64)
                 .collect(),
+            start_ms: start.iter().filter_map(Mean::value).collect(),
         })
+    }
+
+    /// The mean of independent values and half the width of its 95 % interval (Student's t), which a single value lacks.
+    pub fn mean_and_interval(values: &[f64]) -> (f64, Option<f64>) {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let half_width = (values.len() > 1).then(|| {
+            let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
+            student_t_975(values.len() - 1) * libm::sqrt(squares / (count - 1.0) / count)
+        });
+        (mean, half_width)
     }
 }
 

@@ -232,7 +232,11 @@ mod tests {
             purpose: Purpose::Evaluation,
             world: 0,
         };
-        let mut cell = Cell::new(&scenario, Mobility::new(&MobilitySource::Grid, &scenario, &key), &key);
+        let mut cell = Cell::new(
+            &scenario,
+            Mobility::new(&MobilitySource::Grid, &scenario, &key),
+            &key,
+        );
         let send = |n| Decision::Transmit {
             sub_channel: SubChannel::new(n).unwrap(),
             power: Dbm::from_bits(30 << 8),

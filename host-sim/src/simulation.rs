@@ -59,7 +59,11 @@ impl Simulation<'_> {
         let (ages, ends): (Vec<WorldAges>, Vec<T>) = (0..u64::from(self.extent.worlds))
             .into_par_iter()
             .map(|world| {
-                let key = WorldKey { seed: self.extent.seed, purpose: Purpose::Evaluation, world };
+                let key = WorldKey {
+                    seed: self.extent.seed,
+                    purpose: Purpose::Evaluation,
+                    world,
+                };
                 let mut policy = build(&key);
                 let mobility = Mobility::new(self.source, self.scenario, &key);
                 let mut cell = Cell::new(self.scenario, mobility, &key);
@@ -117,7 +121,11 @@ fn run_world(cell: &mut Cell<'_>, policy: &mut dyn Policy, extent: &Extent) -> W
         decisions.fill(Decision::Silent);
         policy.decide(cell, &mut decisions);
         let successes = cell.step(&decisions).received.len();
-        ages.record(slot, cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle))), successes);
+        ages.record(
+            slot,
+            cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle))),
+            successes,
+        );
     }
     ages
 }

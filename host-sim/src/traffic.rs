@@ -68,14 +68,19 @@ impl TrafficModel {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::MAX.slots()),
             },
-            options: Options { gap: RELATIVE_GAP, ..Options::default() },
+            options: Options {
+                gap: RELATIVE_GAP,
+                ..Options::default()
+            },
         })
     }
 
     /// What the base station knows of each road: the age of the freshest vehicle that drives on it, the largest age if
     /// there is none. `None` for vehicles that are not on the scenario's grid.
     pub fn road_ages(&self, cell: &Cell<'_>) -> Option<RoadAges> {
-        let Mobility::Grid(vehicles) = cell.mobility() else { return None };
+        let Mobility::Grid(vehicles) = cell.mobility() else {
+            return None;
+        };
         let mut ages = vec![self.error.max_age; self.grid.roads()];
         for &(vehicle, place) in cell.places() {
             let heading = vehicles.heading(vehicle);
@@ -86,12 +91,21 @@ impl TrafficModel {
                 Heading::West => (Axis::X, Direction::Backward),
             };
             let (street, block) = match axis {
-                Axis::X => (place.y_m / self.grid.block_length_y, place.x_m / self.grid.block_length_x),
-                Axis::Y => (place.x_m / self.grid.block_length_x, place.y_m / self.grid.block_length_y),
+                Axis::X => (
+                    place.y_m / self.grid.block_length_y,
+                    place.x_m / self.grid.block_length_x,
+                ),
+                Axis::Y => (
+                    place.x_m / self.grid.block_length_x,
+                    place.y_m / self.grid.block_length_y,
+                ),
             };
             // A vehicle at the very end of the last block is still on it.
             let block = (block as u32).min(self.grid.blocks(axis) - 1);
-            if let Some(road) = self.grid.road_index(axis, street.round() as u32, block, direction) {
+            if let Some(road) = self
+                .grid
+                .road_index(axis, street.round() as u32, block, direction)
+            {
                 ages[road] = ages[road].min(f64::from(cell.age(vehicle).slots()));
             }
         }
@@ -119,8 +133,10 @@ impl TrafficModel {
         let planner = Planner::new(&self.network, &self.demand, &self.options)?;
         let roads = self.grid.roads();
         let uniform = planner.staleness(&vec![mean_age_ms; roads], &self.error)?.stale;
-        let outcomes =
-            worlds.par_iter().map(|ages| planner.staleness(ages, &self.error)).collect::<Result<Vec<_>>>()?;
+        let outcomes = worlds
+            .par_iter()
+            .map(|ages| planner.staleness(ages, &self.error))
+            .collect::<Result<Vec<_>>>()?;
         let regrets: Vec<f64> = outcomes.iter().map(|outcome| outcome.regret_per_trip).collect();
         let (regret_s_per_trip, regret_ci95_s_per_trip) = AgeSummary::mean_and_interval(&regrets);
         Ok(TrafficSummary {

@@ -1,1 +1,177 @@
-//! Static traffic assignment.
+//! Static traffic assignment: which roads a given demand takes when every trip picks its cheapest route.
+//!
+//! A [`Network`] of links with volume-delay functions and a [`Demand`] between zones give link flows:
+//! under [`Objective::UserEquilibrium`] nobody can gain by changing route (Wardrop's first principle), under
+//! [`Objective::SystemOptimum`] the sum of all travel costs is least (his second).
+//!
+//! ```
+//! use host_sim::assignment::{Algorithm, Options, assign, grid::Grid};
+//!
+//! # fn main() -> host_sim::error::Result<()> {
+//! let grid = Grid::default();
+//! let options = Options { gap: 1e-12, ..Options::default() };
+//! let solution = assign(&grid.network()?, &grid.demand()?, &options)?;
+//! assert!(solution.converged);
+//! assert_eq!(options.algorithm, Algorithm::PathBased);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # The rooms
+//! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
+//! * [`shortest_path`], [`all_or_nothing`]: what every algorithm stands on.
+//! * [`frank_wolfe`]: link flows only, sensible to a gap of about 1e-4; [`path_based`]: linear convergence to 1e-12.
+//! * [`check`]: judges any link flows on its own, sharing no code with the solvers.
+//!
+//! # Determinism
+//! Equal input gives equal bytes at any thread count: origins are split into blocks of a fixed size, and block results
+//! are added in block order. Only [`IterationRecord::seconds`] is a clock reading.
+
+mod all_or_nothing;
+pub mod check;
+pub mod demand;
+mod frank_wolfe;
+pub mod grid;
+pub mod network;
+mod path_based;
+mod problem;
+pub mod shortest_path;
+pub mod tntp;
+pub mod volume_delay;
+
+pub use demand::Demand;
+pub use network::{CostWeights, Link, Network, NodeNumbering};
+pub use volume_delay::VolumeDelay;
+
+use crate::error::{Error, Result};
+use problem::Problem;
+
+/// How the flows are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Algorithm {
+    /// Frank-Wolfe: move towards the all-or-nothing flows. Stalls near a gap of 1e-4.
+    #[value(name = "fw")]
+    FrankWolfe,
+    /// Frank-Wolfe with directions conjugate to the previous one.
+    #[value(name = "cfw")]
+    ConjugateFrankWolfe,
+    /// Frank-Wolfe with directions conjugate to the two previous ones: the best of the link-based family.
+    #[value(name = "bfw")]
+    BiconjugateFrankWolfe,
+    /// Gradient projection on path flows: converges linearly, to 1e-12 and below.
+    #[default]
+    #[value(name = "path")]
+    PathBased,
+}
+
+/// What the flows minimise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Objective {
+    /// Nobody gains by changing route: the Beckmann function, the sum of the integrals of the travel costs.
+    #[default]
+    #[value(name = "ue")]
+    UserEquilibrium,
+    /// The sum of everybody's travel cost is least.
+    #[value(name = "so")]
+    SystemOptimum,
+}
+
+/// What to solve, how, and when to stop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// How the flows are found.
+    pub algorithm: Algorithm,
+    /// What they minimise.
+    pub objective: Objective,
+    /// Stop at this relative gap: not negative, finite.
+    pub gap: f64,
+    /// Stop after this many iterations even if the gap is larger; 0 gives all-or-nothing flows.
+    pub max_iterations: usize,
+    /// Threads for the shortest paths; 0 takes one per core. The result does not depend on it.
+    pub threads: usize,
+}
+
+impl Default for Options {
+    /// Path-based user equilibrium to a gap of 1e-6, one thread per core.
+    fn default() -> Self {
+        Self {
+            algorithm: Algorithm::default(),
+            objective: Objective::default(),
+            gap: 1e-6,
+            max_iterations: 10_000,
+            threads: 0,
+        }
+    }
+}
+
+/// The state after one iteration; record 0 is the initial loading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IterationRecord {
+    /// Iterations so far.
+    pub iteration: usize,
+    /// (TSTT - SPTT) / TSTT of the flows at this point, see [`Solution::relative_gap`].
+    pub relative_gap: f64,
+    /// The objective of the flows at this point.
+    pub objective: f64,
+    /// Wall time since the solve began.
+    pub seconds: f64,
+}
+
+/// Flows and how good they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// Vehicles per unit of time on each link, in file order.
+    pub link_flows: Vec<f64>,
+    /// Generalised travel cost that a vehicle meets on each link (not the marginal cost, whatever the objective).
+    pub link_costs: Vec<f64>,
+    /// (TSTT - SPTT) / TSTT, never negative. TSTT is the sum of flow times cost, SPTT the same if everybody took the
+    /// cheapest route at these costs; with [`Objective::SystemOptimum`] both use marginal costs.
+    pub relative_gap: f64,
+    /// What was minimised: the Beckmann function or the total travel cost.
+    pub objective: f64,
+    /// Sum over links of flow times generalised travel cost.
+    pub total_travel_time: f64,
+    /// Iterations after the initial loading.
+    pub iterations: usize,
+    /// Whether the relative gap asked for was reached.
+    pub converged: bool,
+    /// One record per iteration, the initial loading first.
+    pub convergence: Vec<IterationRecord>,
+}
+
+/// Assigns `demand` to `network`.
+///
+/// # Errors
+/// [`Error::Input`] for a gap that is negative or not finite, a demand for other zones than the network's, an origin
+/// and destination with demand but no path, or costs that overflow when the whole demand takes one link.
+pub fn assign(network: &Network, demand: &Demand, options: &Options) -> Result<Solution> {
+    assign_observed(network, demand, options, &mut |_| {})
+}
+
+/// [`assign`], calling `observe` with the record of every iteration as it ends, the initial loading first.
+///
+/// # Errors
+/// As [`assign`].
+pub fn assign_observed(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
+    if !(options.gap.is_finite() && options.gap >= 0.0) {
+        return Err(Error::input(
+            "relative gap",
+            options.gap,
+            "a finite number, not negative",
+        ));
+    }
+    let problem = Problem::new(network, demand, options)?;
+    let mut progress = problem::Progress::new(options, observe);
+    let link_flows = match options.algorithm {
+        Algorithm::FrankWolfe | Algorithm::ConjugateFrankWolfe | Algorithm::BiconjugateFrankWolfe => {
+            frank_wolfe::solve(&problem, options.algorithm, &mut progress)?
+        }
+        Algorithm::PathBased => path_based::solve(&problem, &mut progress)?,
+    };
+    Ok(progress.into_solution(network, link_flows))
+}

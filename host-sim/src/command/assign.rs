@@ -1,1 +1,320 @@
-//! `host-sim assign`.
+//! `host-sim assign`: static traffic assignment on a TNTP network or on the urban grid.
+
+use crate::assignment::check::{self, Evaluation};
+use crate::assignment::grid::Grid;
+use crate::assignment::network::check_not_negative;
+use crate::assignment::{
+    Algorithm, CostWeights, Demand, Network, Objective, Options, Solution, assign_observed, tntp,
+};
+use crate::error::{Error, Result};
+use crate::report::files::write_whole;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// The name that takes the place of a network file.
+const GRID: &str = "grid";
+
+/// A solve that is shorter than this shows no progress bar (chosen).
+const PROGRESS_DELAY: Duration = Duration::from_millis(500);
+
+/// Rows of the table of the convergence (chosen: it fits a screen).
+const CONVERGENCE_ROWS: usize = 12;
+
+/// Options of `host-sim assign`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct AssignArguments {
+    /// TNTP network file, or `grid` for the urban grid of 4x4 intersections
+    #[arg(long, value_name = "FILE|grid")]
+    pub net: String,
+    /// TNTP trip table; none with `grid`, which brings one vehicle per hour and pair of intersections
+    #[arg(long, value_name = "FILE")]
+    pub trips: Option<PathBuf>,
+    /// Solve nothing: judge the flows of this CSV (init_node,term_node,volume,cost; one row per link in file order)
+    #[arg(long, value_name = "FLOWS")]
+    pub check: Option<PathBuf>,
+    /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
+    #[arg(long, value_enum, default_value = "path")]
+    pub algorithm: Algorithm,
+    /// ue: user equilibrium; so: system optimum
+    #[arg(long, value_enum, default_value = "ue")]
+    pub objective: Objective,
+    /// Relative gap (TSTT - SPTT) / TSTT to stop at
+    #[arg(long, default_value_t = 1e-6, allow_negative_numbers = true)]
+    pub gap: f64,
+    /// Iterations to stop at even if the gap is larger
+    #[arg(long, default_value_t = 10_000)]
+    pub max_iterations: usize,
+    /// Cost of a unit of toll, in units of free-flow time
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub toll_weight: f64,
+    /// Cost of a unit of length, in units of free-flow time
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub distance_weight: f64,
+    /// Write the link flows to this CSV (init_node,term_node,volume,cost; one row per link in file order)
+    #[arg(long, value_name = "FILE.csv")]
+    pub flows: Option<PathBuf>,
+    /// Threads; 0 takes one per core. The flows do not depend on it
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+    /// Accepted as by every sub-command, and without effect: the solver draws nothing at random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Solves or judges, and reports.
+///
+/// # Errors
+/// [`Error::Input`] for an option, network, trip table or flow file that makes no sense; [`Error::File`] for a file that
+/// cannot be read or written. Not reaching the gap is none: the report says so.
+pub fn run(arguments: &AssignArguments) -> Result<()> {
+    let start = Instant::now();
+    check_options(arguments)?;
+    let (network, demand) = read_problem(arguments)?;
+    match &arguments.check {
+        Some(path) => judge(arguments, &network, &demand, path, start),
+        None => solve(arguments, &network, &demand, start),
+    }
+}
+
+fn check_options(arguments: &AssignArguments) -> Result<()> {
+    check_not_negative("--gap", arguments.gap)?;
+    check_not_negative("--toll-weight", arguments.toll_weight)?;
+    check_not_negative("--distance-weight", arguments.distance_weight)?;
+    if arguments.check.is_some() && arguments.flows.is_some() {
+        return Err(Error::input(
+            "--flows",
+            "--check beside it",
+            "one of the two: --check solves nothing",
+        ));
+    }
+    Ok(())
+}
+
+fn read_problem(arguments: &AssignArguments) -> Result<(Network, Demand)> {
+    if arguments.net == GRID {
+        if let Some(trips) = &arguments.trips {
+            let expected = "none with `--net grid`, which brings its own demand";
+            return Err(Error::input("--trips", trips.display(), expected));
+        }
+        let grid = Grid::default();
+        return Ok((grid.network()?, grid.demand()?));
+    }
+    let Some(trips) = &arguments.trips else {
+        return Err(Error::input(
+            "--trips",
+            "none",
+            "a TNTP trip table for the network file",
+        ));
+    };
+    let weights = CostWeights {
+        toll: arguments.toll_weight,
+        distance: arguments.distance_weight,
+    };
+    let network = tntp::read_network(arguments.net.as_ref(), weights)?;
+    let demand = tntp::read_trips(trips, network.numbering().zones)?;
+    Ok((network, demand))
+}
+
+fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start: Instant) -> Result<()> {
+    let options = Options {
+        algorithm: arguments.algorithm,
+        objective: arguments.objective,
+        gap: arguments.gap,
+        max_iterations: arguments.max_iterations,
+        threads: arguments.threads,
+    };
+    let progress = (!arguments.json).then(Progress::new);
+    let solve_start = Instant::now();
+    let solution = assign_observed(network, demand, &options, &mut |record| {
+        if let Some(progress) = &progress {
+            progress.show(record.iteration, record.relative_gap);
+        }
+    })?;
+    let seconds = solve_start.elapsed().as_secs_f64();
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    if let Some(path) = &arguments.flows {
+        let text = check::format_flows(network, &solution.link_flows, &solution.link_costs);
+        write_whole(path, text.as_bytes())?;
+    }
+    if !solution.converged {
+        eprintln!(
+            "not converged: relative gap {:.3e} after {} iterations, {:e} was asked for",
+            solution.relative_gap, solution.iterations, arguments.gap
+        );
+    }
+    let seconds_total = start.elapsed().as_secs_f64();
+    if arguments.json {
+        println!(
+            "{}",
+            solution_json(network, demand, &solution, seconds, seconds_total)
+        );
+    } else {
+        print_problem(network, demand);
+        print_solution(&solution, seconds, seconds_total);
+        if let Some(path) = &arguments.flows {
+            println!("link flows           {}", path.display());
+        }
+    }
+    Ok(())
+}
+
+fn judge(
+    arguments: &AssignArguments,
+    network: &Network,
+    demand: &Demand,
+    path: &std::path::Path,
+    start: Instant,
+) -> Result<()> {
+    let link_flows = check::read_flows(path, network)?;
+    let check_start = Instant::now();
+    let evaluation = check::evaluate(network, demand, arguments.objective, &link_flows)?;
+    let seconds = check_start.elapsed().as_secs_f64();
+    let seconds_total = start.elapsed().as_secs_f64();
+    if !evaluation.conserves_demand {
+        eprintln!(
+            "the flows do not carry the demand: {} vehicles too many or too few at node {}; their gap means nothing",
+            evaluation.largest_imbalance, evaluation.worst_node
+        );
+    }
+    if arguments.json {
+        println!(
+            "{}",
+            evaluation_json(arguments, &evaluation, seconds, seconds_total)
+        );
+    } else {
+        print_problem(network, demand);
+        print_evaluation(&evaluation);
+    }
+    Ok(())
+}
+
+fn solution_json(
+    network: &Network,
+    demand: &Demand,
+    solution: &Solution,
+    seconds: f64,
+    seconds_total: f64,
+) -> serde_json::Value {
+    serde_json::json!({
+        "relative_gap": solution.relative_gap,
+        "objective": solution.objective,
+        "total_travel_time": solution.total_travel_time,
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "links": network.links().len(),
+        "zones": network.numbering().zones,
+        "pairs": demand.pairs(),
+        "total_demand": demand.total(),
+        "intrazonal_demand": demand.intrazonal(),
+        "seconds": seconds,
+        "seconds_total": seconds_total,
+    })
+}
+
+fn evaluation_json(
+    arguments: &AssignArguments,
+    evaluation: &Evaluation,
+    seconds: f64,
+    seconds_total: f64,
+) -> serde_json::Value {
+    serde_json::json!({
+        "relative_gap": evaluation.relative_gap,
+        "objective": evaluation.objective,
+        "total_travel_time": evaluation.total_travel_time,
+        "iterations": 0,
+        "converged": evaluation.relative_gap <= arguments.gap && evaluation.conserves_demand,
+        "conserves_demand": evaluation.conserves_demand,
+        "largest_imbalance": evaluation.largest_imbalance,
+        "worst_node": evaluation.worst_node,
+        "seconds": seconds,
+        "seconds_total": seconds_total,
+    })
+}
+
+fn print_problem(network: &Network, demand: &Demand) {
+    let numbering = network.numbering();
+    println!("nodes, zones         {}, {}", numbering.nodes, numbering.zones);
+    println!("links                {}", network.links().len());
+    println!("pairs with demand    {}", demand.pairs());
+    println!("vehicles             {}", demand.total());
+    println!("  within zones       {} (not assigned)", demand.intrazonal());
+}
+
+fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
+    println!();
+    println!("iteration   relative gap             objective    seconds");
+    // All, or evenly spaced ones: always the first and the last.
+    let last = solution.convergence.len().saturating_sub(1);
+    let rows = last.clamp(1, CONVERGENCE_ROWS - 1);
+    let mut shown = None;
+    for row in 0..=rows {
+        let index = row * last / rows;
+        if let Some(record) = solution.convergence.get(index)
+            && shown.replace(index) != Some(index)
+        {
+            println!(
+                "{:>9}   {:>12.4e}   {:>19.8}   {:>8.3}",
+                record.iteration, record.relative_gap, record.objective, record.seconds
+            );
+        }
+    }
+    println!();
+    println!(
+        "converged            {}",
+        if solution.converged { "yes" } else { "NO" }
+    );
+    println!("relative gap         {:.4e}", solution.relative_gap);
+    println!("objective            {}", solution.objective);
+    println!("total travel time    {}", solution.total_travel_time);
+    println!("iterations           {}", solution.iterations);
+    println!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
+}
+
+fn print_evaluation(evaluation: &Evaluation) {
+    println!();
+    println!("relative gap         {:.4e}", evaluation.relative_gap);
+    println!("objective            {}", evaluation.objective);
+    println!("total travel time    {}", evaluation.total_travel_time);
+    println!(
+        "largest imbalance    {:.4e} vehicles at node {}",
+        evaluation.largest_imbalance, evaluation.worst_node
+    );
+    println!(
+        "carries the demand   {}",
+        if evaluation.conserves_demand { "yes" } else { "NO" }
+    );
+}
+
+/// A line on stderr while a solve takes long; silent where stderr is no terminal.
+struct Progress {
+    bar: ProgressBar,
+    start: Instant,
+}
+
+impl Progress {
+    fn new() -> Self {
+        let style = ProgressStyle::with_template("{spinner} iteration {pos}, relative gap {msg} [{elapsed}]");
+        Self {
+            bar: ProgressBar::new_spinner()
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner())),
+            start: Instant::now(),
+        }
+    }
+
+    fn show(&self, iteration: usize, relative_gap: f64) {
+        if self.start.elapsed() >= PROGRESS_DELAY {
+            self.bar.set_message(format!("{relative_gap:.3e}"));
+            self.bar.set_position(iteration as u64);
+        }
+    }
+
+    fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -27,7 +27,12 @@ impl ScenarioArguments {
     /// What is wrong with it.
     pub fn read(&self, settings: impl IntoIterator<Item = String>) -> Result<Scenario> {
         let settings = self.set.iter().cloned().chain(settings).collect();
-        ScenarioSource { preset: self.preset, file: self.scenario.clone(), settings }.read()
+        ScenarioSource {
+            preset: self.preset,
+            file: self.scenario.clone(),
+            settings,
+        }
+        .read()
     }
 }
 
@@ -36,7 +41,9 @@ impl ScenarioArguments {
 /// # Errors
 /// If the system gives no threads.
 pub fn thread_pool(threads: Option<u16>) -> Result<rayon::ThreadPool> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.map_or(0, usize::from)).build();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.map_or(0, usize::from))
+        .build();
     pool.map_err(|error| Error::input("--threads", error, "threads that the system can start"))
 }
 

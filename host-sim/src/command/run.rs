@@ -91,9 +91,15 @@ impl RunArguments {
     pub fn prepare(&self) -> Result<PreparedRun> {
         let source = MobilitySource::read(&self.mobility)?;
         if let (MobilitySource::Trace(_), Some(vehicles)) = (&source, self.vehicles) {
-            return Err(Error::input("--vehicles", vehicles, "no number with a trace, which brings its own vehicles"));
+            return Err(Error::input(
+                "--vehicles",
+                vehicles,
+                "no number with a trace, which brings its own vehicles",
+            ));
         }
-        let scenario = self.scenario.read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
+        let scenario = self
+            .scenario
+            .read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
         let (worlds, slots) = match &source {
             MobilitySource::Grid => (256, 2000),
             MobilitySource::Trace(trace) => (8, trace.duration_slots().saturating_sub(self.warmup)),
@@ -106,23 +112,41 @@ impl RunArguments {
         };
         source.check_slots(extent.slots_per_world())?;
         if extent.slots == 0 {
-            return Err(Error::input("--warmup", self.warmup, "less than the length of the trace"));
+            return Err(Error::input(
+                "--warmup",
+                self.warmup,
+                "less than the length of the trace",
+            ));
         }
         let table = table_bytes(self.table.as_deref())?;
-        let parsed = parse_table(self.table.as_deref(), &table)?;
         let asked = |policy: &PolicyName| self.policy.is_empty() || self.policy.contains(policy);
         let policies: Vec<PolicyName> = PolicyName::ALL.into_iter().filter(asked).collect();
-        for policy in &policies {
-            policy.check(&scenario, source.most_vehicles(&scenario), &parsed)?;
+        let prepared = PreparedRun {
+            scenario,
+            source,
+            extent,
+            policies,
+            table,
+            table_path: self.table.clone(),
+        };
+        let table = prepared.table()?;
+        for policy in &prepared.policies {
+            let most = prepared.source.most_vehicles(&prepared.scenario);
+            policy.check(&prepared.scenario, most, &table)?;
         }
-        Ok(PreparedRun { scenario, source, extent, policies, table, table_path: self.table.clone() })
+        drop(table);
+        Ok(prepared)
     }
 }
 
 impl PreparedRun {
     /// The worlds.
     pub fn simulation(&self) -> Simulation<'_> {
-        Simulation { scenario: &self.scenario, source: &self.source, extent: self.extent }
+        Simulation {
+            scenario: &self.scenario,
+            source: &self.source,
+            extent: self.extent,
+        }
     }
 
     /// The actor's table.
@@ -154,8 +178,15 @@ impl PreparedRun {
             let slots = f64::from(self.extent.worlds) * f64::from(self.extent.slots_per_world());
             let slots_per_second = slots / start.elapsed().as_secs_f64();
             let roads: Option<Vec<_>> = roads.into_iter().collect();
-            let traffic = roads.map(|roads| traffic.summary(ages.mean_ms, &roads)).transpose()?;
-            results.push(PolicyResult { name: policy.name(), ages, traffic, slots_per_second });
+            let traffic = roads
+                .map(|roads| traffic.summary(ages.mean_ms, &roads))
+                .transpose()?;
+            results.push(PolicyResult {
+                name: policy.name(),
+                ages,
+                traffic,
+                slots_per_second,
+            });
         }
         progress.finish_and_clear();
         Ok(results)
@@ -164,7 +195,10 @@ impl PreparedRun {
     /// The JSON object of a run.
     pub fn to_json(&self, results: &[PolicyResult]) -> Value {
         let vehicles = self.source.vehicles(&self.scenario);
-        let policies: Vec<Value> = results.iter().map(|result| self.policy_json(vehicles, result)).collect();
+        let policies: Vec<Value> = results
+            .iter()
+            .map(|result| self.policy_json(vehicles, result))
+            .collect();
         json!({
             "seed": self.extent.seed,
             "warmup": self.extent.warmup,
@@ -175,7 +209,12 @@ impl PreparedRun {
     }
 
     fn policy_json(&self, vehicles: usize, result: &PolicyResult) -> Value {
-        let PolicyResult { name, ages, traffic, slots_per_second } = result;
+        let PolicyResult {
+            name,
+            ages,
+            traffic,
+            slots_per_second,
+        } = result;
         let per_vehicle: Vec<Value> = ages
             .by_vehicle
             .iter()
@@ -207,16 +246,26 @@ impl PreparedRun {
 
     /// One line on what was simulated.
     pub fn description(&self) -> String {
-        let Extent { seed, worlds, slots, warmup } = self.extent;
+        let Extent {
+            seed,
+            worlds,
+            slots,
+            warmup,
+        } = self.extent;
         let who = match &self.source {
             MobilitySource::Grid => format!("{} vehicles", self.scenario.cell.vehicles),
             MobilitySource::Trace(trace) => {
                 let (most, _) = trace.max_simultaneous();
-                format!("{} vehicles of a trace, at most {most} at once,", trace.vehicle_ids().len())
+                format!(
+                    "{} vehicles of a trace, at most {most} at once,",
+                    trace.vehicle_ids().len()
+                )
             }
         };
         let sub_channels = self.scenario.radio.sub_channels;
-        format!("{who} on {sub_channels} sub-channels, {worlds} worlds x {slots} slots after {warmup}, seed {seed}")
+        format!(
+            "{who} on {sub_channels} sub-channels, {worlds} worlds x {slots} slots after {warmup}, seed {seed}"
+        )
     }
 }
 

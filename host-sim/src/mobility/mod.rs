@@ -36,7 +36,11 @@ impl MobilitySource {
     /// # Errors
     /// What is wrong with the file.
     pub fn read(name: &str) -> Result<Self> {
-        if name == "grid" { Ok(Self::Grid) } else { Trace::read(Path::new(name)).map(Self::Trace) }
+        if name == "grid" {
+            Ok(Self::Grid)
+        } else {
+            Trace::read(Path::new(name)).map(Self::Trace)
+        }
     }
 
     /// The most vehicles at once.
@@ -81,7 +85,7 @@ impl MobilitySource {
 /// The moving vehicles of one world. A vehicle keeps its index for good; not every vehicle is always present.
 pub enum Mobility<'s> {
     /// On the urban grid of 3GPP TR 36.885 A.1.2.
-    Grid(UrbanGrid<'s>),
+    Grid(Box<UrbanGrid<'s>>),
     /// In a trace.
     Trace {
         /// The present step.
@@ -97,11 +101,16 @@ impl<'s> Mobility<'s> {
         match source {
             MobilitySource::Grid => {
                 let stream = key.stream(Role::Mobility, 0);
-                Self::Grid(UrbanGrid::new(&scenario.mobility, scenario.cell.vehicles, stream))
+                Self::Grid(Box::new(UrbanGrid::new(
+                    &scenario.mobility,
+                    scenario.cell.vehicles,
+                    stream,
+                )))
             }
-            MobilitySource::Trace(trace) => {
-                Self::Trace { cursor: trace.cursor(), last: vec![None; trace.vehicle_ids().len()] }
-            }
+            MobilitySource::Trace(trace) => Self::Trace {
+                cursor: trace.cursor(),
+                last: vec![None; trace.vehicle_ids().len()],
+            },
         }
     }
 

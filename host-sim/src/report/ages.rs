@@ -59,11 +59,16 @@ pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> Stri
 /// If a figure cannot show its values.
 pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Result<Vec<NamedText>> {
     let note = format!("{description}. {INTERVALS}");
-    let bound = Reference { name: "bound".to_owned(), value: bound_ms };
+    let bound = Reference {
+        name: "bound".to_owned(),
+        value: bound_ms,
+    };
     let bars = results.iter().map(|PolicyResult { name, ages, .. }| Bar {
         name: (*name).to_owned(),
         value: ages.mean_ms,
-        interval: ages.ci95_ms.map(|half| (ages.mean_ms - half, ages.mean_ms + half)),
+        interval: ages
+            .ci95_ms
+            .map(|half| (ages.mean_ms - half, ages.mean_ms + half)),
         emphasised: *name == "actor",
     });
     let mean_age = BarChart {
@@ -94,9 +99,15 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         ("mean_age.svg".to_owned(), mean_age.to_svg()?),
         ("mean_age.csv".to_owned(), mean_age_csv(results)),
         ("cold_start.svg".to_owned(), start.to_svg()?),
-        ("cold_start.csv".to_owned(), long_csv(["policy", "slot", "mean_age_ms"], &start.series)),
+        (
+            "cold_start.csv".to_owned(),
+            long_csv(["policy", "slot", "mean_age_ms"], &start.series),
+        ),
         ("age_distribution.svg".to_owned(), distribution.to_svg()?),
-        ("age_distribution.csv".to_owned(), long_csv(["policy", "age_ms", "fraction_above"], &distribution.series)),
+        (
+            "age_distribution.csv".to_owned(),
+            long_csv(["policy", "age_ms", "fraction_above"], &distribution.series),
+        ),
     ])
 }
 
@@ -106,7 +117,13 @@ fn series(results: &[PolicyResult], values: fn(&AgeSummary) -> Vec<f64>) -> Vec<
         let points = (1_u32..).zip(values(&result.ages)).filter(|&(_, y)| y > 0.0);
         Series {
             name: result.name.to_owned(),
-            points: points.map(|(x, y)| Point { x: f64::from(x), y, band: None }).collect(),
+            points: points
+                .map(|(x, y)| Point {
+                    x: f64::from(x),
+                    y,
+                    band: None,
+                })
+                .collect(),
         }
     };
     results.iter().map(of).collect()

@@ -29,7 +29,10 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
         Column::number("+-95 %", "s/trip", 2),
     ];
     let mut table = TextTable::new("What the age does to traffic", columns);
-    for PolicyResult { name, ages, traffic, .. } in results {
+    for PolicyResult {
+        name, ages, traffic, ..
+    } in results
+    {
         if let Some(traffic) = traffic {
             table.row([
                 (*name).into(),
@@ -45,9 +48,16 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
         }
     }
     let error = scenario.traffic.max_capacity_error_veh_per_h;
-    table.note(&format!("Capacity error {error} veh/h at the largest age of {} ms.", Age::MAX.slots()));
-    table.note("Uniform: every road has the policy's mean age, as in the paper's figures; no route changes then.");
-    table.note("Per road: the age of the freshest vehicle on it at the end of each world, 100 ms where none drives;");
+    table.note(&format!(
+        "Capacity error {error} veh/h at the largest age of {} ms.",
+        Age::MAX.slots()
+    ));
+    table.note(
+        "Uniform: every road has the policy's mean age, as in the paper's figures; no route changes then.",
+    );
+    table.note(
+        "Per road: the age of the freshest vehicle on it at the end of each world, 100 ms where none drives;",
+    );
     table.note("regret is what planning on stale capacities costs a trip against planning on the true ones.");
     table.to_string()
 }
@@ -65,7 +75,10 @@ pub fn csv(results: &[PolicyResult]) -> NamedText {
         "regret_s_per_trip",
         "regret_ci95_s_per_trip",
     ]);
-    for PolicyResult { name, ages, traffic, .. } in results {
+    for PolicyResult {
+        name, ages, traffic, ..
+    } in results
+    {
         if let Some(traffic) = traffic {
             csv.row([
                 (*name).into(),
@@ -112,19 +125,36 @@ pub fn paper_figures(scenario: &Scenario) -> Result<Vec<NamedText>> {
         let states = model.uniform(&ages)?;
         let name = format!("delta m = {error} veh/h");
         let points = |value: fn(&crate::capacity::TrafficState) -> f64| -> Vec<Point> {
-            ages.iter().zip(&states).map(|(&x, state)| Point { x, y: value(state), band: None }).collect()
+            ages.iter()
+                .zip(&states)
+                .map(|(&x, state)| Point {
+                    x,
+                    y: value(state),
+                    band: None,
+                })
+                .collect()
         };
-        ratios.push(Series { name: name.clone(), points: points(|state| state.mean_volume_over_capacity) });
-        times.push(Series { name, points: points(|state| state.mean_link_time) });
+        ratios.push(Series {
+            name: name.clone(),
+            points: points(|state| state.mean_volume_over_capacity),
+        });
+        times.push(Series {
+            name,
+            points: points(|state| state.mean_link_time),
+        });
     }
-    let note = "Every road has the same age, as in the paper; delta m is the capacity lost at 100 ms.".to_owned();
+    let note =
+        "Every road has the same age, as in the paper; delta m is the capacity lost at 100 ms.".to_owned();
     let ratio = LineChart {
         title: "Mean volume over capacity of roads against age of information".to_owned(),
         note: note.clone(),
         horizontal: Axis::linear("mean age of information (ms)"),
         vertical: Axis::linear("mean V/C"),
         series: ratios,
-        references: vec![Reference { name: "capacity".to_owned(), value: 1.0 }],
+        references: vec![Reference {
+            name: "capacity".to_owned(),
+            value: 1.0,
+        }],
     };
     let time = LineChart {
         title: "Mean travel time of roads against age of information".to_owned(),
@@ -136,8 +166,14 @@ pub fn paper_figures(scenario: &Scenario) -> Result<Vec<NamedText>> {
     };
     Ok(vec![
         ("volume_over_capacity.svg".to_owned(), ratio.to_svg()?),
-        ("volume_over_capacity.csv".to_owned(), long_csv(["delta_m", "age_ms", "mean_v_over_c"], &ratio.series)),
+        (
+            "volume_over_capacity.csv".to_owned(),
+            long_csv(["delta_m", "age_ms", "mean_v_over_c"], &ratio.series),
+        ),
         ("travel_time.svg".to_owned(), time.to_svg()?),
-        ("travel_time.csv".to_owned(), long_csv(["delta_m", "age_ms", "mean_link_time_s"], &time.series)),
+        (
+            "travel_time.csv".to_owned(),
+            long_csv(["delta_m", "age_ms", "mean_link_time_s"], &time.series),
+        ),
     ])
 }

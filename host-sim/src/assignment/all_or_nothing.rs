@@ -1,0 +1,100 @@
+//! All-or-nothing loading: every trip on the cheapest path at given link costs.
+
+use super::demand::OriginDemand;
+use super::problem::Problem;
+use super::shortest_path::ShortestPathTree;
+use crate::error::{Error, Result};
+
+/// Buffers of one block of origins.
+struct Block<'a> {
+    origins: &'a [OriginDemand],
+    tree: ShortestPathTree,
+    /// Vehicles that still have to be carried towards the origin, per node.
+    node_volume: Vec<f64>,
+    link_flows: Vec<f64>,
+    shortest_path_cost: f64,
+    unreachable: Option<(u32, u32)>,
+}
+
+/// Loads all trips at once, keeping its buffers between calls.
+pub(crate) struct Loader<'a> {
+    blocks: Vec<Block<'a>>,
+}
+
+impl<'a> Loader<'a> {
+    pub(crate) fn new(problem: &Problem<'a>) -> Self {
+        let nodes = problem.network.numbering().nodes as usize;
+        let block = |origins| Block {
+            origins,
+            tree: ShortestPathTree::new(problem.network),
+            node_volume: vec![0.0; nodes],
+            link_flows: vec![0.0; problem.links()],
+            shortest_path_cost: 0.0,
+            unreachable: None,
+        };
+        Self {
+            blocks: problem.origin_blocks().map(block).collect(),
+        }
+    }
+
+    /// Puts every trip on its cheapest path: fills `link_flows`, and returns what all trips cost together (SPTT).
+    pub(crate) fn load(
+        &mut self,
+        problem: &Problem<'_>,
+        link_costs: &[f64],
+        link_flows: &mut [f64],
+    ) -> Result<f64> {
+        problem.for_each(&mut self.blocks, |block| block.load(problem, link_costs));
+        link_flows.fill(0.0);
+        let mut shortest_path_cost = 0.0;
+        for block in &self.blocks {
+            if let Some((origin, destination)) = block.unreachable {
+                return Err(unreachable_pair(origin, destination));
+            }
+            shortest_path_cost += block.shortest_path_cost;
+            for (total, part) in link_flows.iter_mut().zip(&block.link_flows) {
+                *total += part;
+            }
+        }
+        Ok(shortest_path_cost)
+    }
+}
+
+impl Block<'_> {
+    fn load(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
+        self.link_flows.fill(0.0);
+        self.shortest_path_cost = 0.0;
+        for from in self.origins {
+            self.tree.search(problem.network, link_costs, from.origin);
+            self.node_volume.fill(0.0);
+            for &(destination, volume) in &from.destinations {
+                let cost = self.tree.cost_to(destination);
+                if cost == f64::INFINITY && self.unreachable.is_none() {
+                    self.unreachable = Some((from.origin, destination));
+                }
+                self.shortest_path_cost += volume * cost;
+                self.node_volume[destination as usize] += volume;
+            }
+            // From the leaves to the root: by the time a node comes, all that passes through it has arrived there.
+            for &node in self.tree.settled().iter().rev() {
+                let volume = self.node_volume[node as usize];
+                if volume == 0.0 {
+                    continue;
+                }
+                if let Some(link) = self.tree.entering_link(node) {
+                    self.link_flows[link as usize] += volume;
+                    self.node_volume[problem.network.init_node(link) as usize] += volume;
+                }
+            }
+        }
+    }
+}
+
+/// Demand between two zones, given by index from 0, that no path joins.
+pub(crate) fn unreachable_pair(origin: u32, destination: u32) -> Error {
+    Error::input(
+        format!("trips from {} to {}", origin + 1, destination + 1),
+        "no path in the network",
+        "a path wherever there is demand",
+    )
+}

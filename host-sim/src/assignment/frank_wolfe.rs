@@ -1,0 +1,215 @@
+//! The Frank-Wolfe family: link flows only, moving along a line towards better ones.
+//!
+//! Plain Frank-Wolfe (Frank and Wolfe 1956; LeBlanc, Morlok and Pierskalla 1975) moves towards the all-or-nothing flows
+//! and zigzags. The conjugate and bi-conjugate variants (Mitradjieva and Lindberg, "The Stiff Is Moving - Conjugate
+//! Direction Frank-Wolfe Methods with Applications to Traffic Assignment", Transportation Science 47, 2013) mix in their
+//! one or two previous targets so that the new direction is conjugate to the old ones with respect to the Hessian.
+
+use super::Algorithm;
+use super::all_or_nothing::Loader;
+use super::problem::{Problem, Progress, dot, relative_gap};
+use crate::error::Result;
+
+/// Largest share of the previous target in a conjugate one, so that some new flow always enters (the paper's 1 - delta).
+const LARGEST_CONJUGATE_SHARE: f64 = 0.99;
+
+/// A step this long forgets the flows it started from, and conjugacy with them.
+const FULL_STEP: f64 = 0.99999;
+
+/// A step length is found when the bracket or the correction is this short.
+const STEP_TOLERANCE: f64 = 1e-14;
+
+/// Most evaluations in one line search; bisection alone would need 47 for [`STEP_TOLERANCE`].
+const LINE_SEARCH_LIMIT: usize = 60;
+
+/// Flows of the last record of `progress`.
+pub(crate) fn solve(
+    problem: &Problem<'_>,
+    algorithm: Algorithm,
+    progress: &mut Progress<'_>,
+) -> Result<Vec<f64>> {
+    let links = problem.links();
+    let mut loader = Loader::new(problem);
+    let mut link_flows = vec![0.0; links];
+    let mut link_costs = vec![0.0; links];
+    let mut all_or_nothing = vec![0.0; links];
+    let mut history = History::new(algorithm);
+
+    problem.update_costs(&link_flows, &mut link_costs);
+    loader.load(problem, &link_costs, &mut link_flows)?;
+    loop {
+        problem.update_costs(&link_flows, &mut link_costs);
+        let shortest_path_cost = loader.load(problem, &link_costs, &mut all_or_nothing)?;
+        let gap = relative_gap(dot(&link_flows, &link_costs), shortest_path_cost);
+        if progress.record(gap, problem.objective(&link_flows)) {
+            return Ok(link_flows);
+        }
+        let mut target = history.target(problem, &link_flows, &all_or_nothing);
+        if !descends(&link_flows, &link_costs, &target) {
+            history.forget();
+            target.copy_from_slice(&all_or_nothing);
+        }
+        let step = line_search(problem, &link_flows, &target);
+        for (flow, &towards) in link_flows.iter_mut().zip(&target) {
+            *flow += step * (towards - *flow);
+        }
+        history.remember(target, step);
+    }
+}
+
+/// Whether costs fall at the start of the way from `link_flows` to `target`.
+fn descends(link_flows: &[f64], link_costs: &[f64], target: &[f64]) -> bool {
+    let ways = link_flows.iter().zip(target).zip(link_costs);
+    ways.map(|((&flow, &towards), &cost)| cost * (towards - flow))
+        .sum::<f64>()
+        < 0.0
+}
+
+/// The previous targets, as many as the algorithm wants to be conjugate to.
+struct History {
+    wanted: usize,
+    /// Latest first.
+    targets: Vec<Vec<f64>>,
+    last_step: f64,
+}
+
+impl History {
+    fn new(algorithm: Algorithm) -> Self {
+        let wanted = match algorithm {
+            Algorithm::BiconjugateFrankWolfe => 2,
+            Algorithm::ConjugateFrankWolfe => 1,
+            Algorithm::FrankWolfe | Algorithm::PathBased => 0,
+        };
+        Self {
+            wanted,
+            targets: Vec::new(),
+            last_step: 0.0,
+        }
+    }
+
+    fn forget(&mut self) {
+        self.targets.clear();
+    }
+
+    fn remember(&mut self, target: Vec<f64>, step: f64) {
+        if step > FULL_STEP {
+            self.forget();
+        } else {
+            self.targets.insert(0, target);
+            self.targets.truncate(self.wanted);
+        }
+        self.last_step = step;
+    }
+
+    /// Where to move: a convex combination of all-or-nothing flows and the previous targets.
+    fn target(&self, problem: &Problem<'_>, link_flows: &[f64], all_or_nothing: &[f64]) -> Vec<f64> {
+        match self.targets.as_slice() {
+            [last, before] => self.biconjugate_target(problem, link_flows, all_or_nothing, last, before),
+            [last] => conjugate_target(problem, link_flows, all_or_nothing, last),
+            _ => all_or_nothing.to_vec(),
+        }
+    }
+
+    /// Mitradjieva and Lindberg, section 3.2: with H the Hessian's diagonal, `y` the all-or-nothing flows, `s1`, `s2` the
+    /// previous targets and `tau` the previous step, the direction is conjugate to `s1 - x` and to
+    /// `tau s1 + (1 - tau) s2 - x`, the direction before.
+    fn biconjugate_target(
+        &self,
+        problem: &Problem<'_>,
+        link_flows: &[f64],
+        all_or_nothing: &[f64],
+        last: &[f64],
+        before: &[f64],
+    ) -> Vec<f64> {
+        let tau = self.last_step;
+        let (mut before_y, mut before_s, mut last_y, mut last_s) = (0.0, 0.0, 0.0, 0.0);
+        for (link, delay) in problem.delays.iter().enumerate() {
+            let flow = link_flows[link];
+            let hessian = delay.derivative(flow);
+            let to_y = all_or_nothing[link] - flow;
+            let to_last = last[link] - flow;
+            let direction_before = tau * last[link] + (1.0 - tau) * before[link] - flow;
+            before_y += direction_before * hessian * to_y;
+            before_s += direction_before * hessian * (before[link] - last[link]);
+            last_y += to_last * hessian * to_y;
+            last_s += to_last * hessian * to_last;
+        }
+        let mu = share(-before_y / before_s);
+        let nu = share(-last_y / last_s + mu * tau / (1.0 - tau));
+        let total = 1.0 + mu + nu;
+        let flows = all_or_nothing.iter().zip(last).zip(before);
+        flows
+            .map(|((y, s1), s2)| (y + nu * s1 + mu * s2) / total)
+            .collect()
+    }
+}
+
+/// A usable weight: quotients of vanishing sums and negative weights count as 0.
+fn share(weight: f64) -> f64 {
+    if weight.is_finite() && weight > 0.0 {
+        weight
+    } else {
+        0.0
+    }
+}
+
+/// Mitradjieva and Lindberg, section 3.1.
+fn conjugate_target(
+    problem: &Problem<'_>,
+    link_flows: &[f64],
+    all_or_nothing: &[f64],
+    last: &[f64],
+) -> Vec<f64> {
+    let (mut numerator, mut denominator) = (0.0, 0.0);
+    for (link, delay) in problem.delays.iter().enumerate() {
+        let flow = link_flows[link];
+        let weighted = delay.derivative(flow) * (last[link] - flow);
+        numerator += weighted * (all_or_nothing[link] - flow);
+        denominator += weighted * (all_or_nothing[link] - last[link]);
+    }
+    let alpha = share(numerator / denominator).min(LARGEST_CONJUGATE_SHARE);
+    let flows = all_or_nothing.iter().zip(last);
+    flows.map(|(y, s)| alpha * s + (1.0 - alpha) * y).collect()
+}
+
+/// The step from 0 to 1 towards `target` at which the objective is least: the root of its derivative along the line,
+/// by Newton's method within a bracket.
+fn line_search(problem: &Problem<'_>, link_flows: &[f64], target: &[f64]) -> f64 {
+    let slope = |step: f64| {
+        let (mut first, mut second) = (0.0, 0.0);
+        for ((delay, &flow), &towards) in problem.delays.iter().zip(link_flows).zip(target) {
+            let direction = towards - flow;
+            if direction != 0.0 {
+                let (cost, derivative) = delay.cost_and_derivative((flow + step * direction).max(0.0));
+                first += direction * cost;
+                second += direction * direction * derivative;
+            }
+        }
+        (first, second)
+    };
+    if slope(1.0).0 <= 0.0 {
+        return 1.0;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    let mut step = 0.0;
+    for _ in 0..LINE_SEARCH_LIMIT {
+        let (first, second) = slope(step);
+        if first > 0.0 {
+            high = step;
+        } else {
+            low = step;
+        }
+        let newton = step - first / second;
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
+        let correction = next - step;
+        step = next;
+        if correction.abs() < STEP_TOLERANCE || high - low < STEP_TOLERANCE {
+            break;
+        }
+    }
+    step
+}

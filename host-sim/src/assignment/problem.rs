@@ -1,0 +1,185 @@
+//! What every algorithm is given: the problem as numbers, the worker threads, and the log of its progress.
+
+use super::demand::OriginDemand;
+use super::{Demand, IterationRecord, Network, Options, Solution, VolumeDelay};
+use crate::error::{Error, Result};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// Origins per block. Fixed, because the order of additions must not depend on the number of threads.
+const ORIGINS_PER_BLOCK: usize = 16;
+
+/// A network, a demand and the costs that the objective makes drivers balance.
+pub(crate) struct Problem<'a> {
+    pub(crate) network: &'a Network,
+    pub(crate) demand: &'a Demand,
+    /// Travel costs for the user equilibrium, marginal costs for the system optimum.
+    pub(crate) delays: Vec<VolumeDelay>,
+    threads: Option<rayon::ThreadPool>,
+}
+
+impl<'a> Problem<'a> {
+    /// Checks that network and demand belong together.
+    pub(crate) fn new(network: &'a Network, demand: &'a Demand, options: &Options) -> Result<Self> {
+        if demand.zones() != network.numbering().zones {
+            let expected = format!("the network's {} zones", network.numbering().zones);
+            return Err(Error::input(
+                "demand",
+                format!("{} zones", demand.zones()),
+                expected,
+            ));
+        }
+        let delays: Vec<VolumeDelay> = network
+            .volume_delays()
+            .iter()
+            .map(|delay| delay.view(options.objective))
+            .collect();
+        for (index, (delay, link)) in delays.iter().zip(network.links()).enumerate() {
+            if !(delay.integral(demand.total()).is_finite() && delay.derivative(demand.total()).is_finite()) {
+                return Err(Error::input(
+                    format!("link {} ({} to {})", index + 1, link.init_node, link.term_node),
+                    format!("a cost that overflows at {} vehicles", demand.total()),
+                    "a capacity of the size of the demand",
+                ));
+            }
+        }
+        Ok(Self {
+            network,
+            demand,
+            delays,
+            threads: thread_pool(options.threads, demand.origins().len())?,
+        })
+    }
+
+    /// Number of links.
+    pub(crate) fn links(&self) -> usize {
+        self.delays.len()
+    }
+
+    /// The blocks of origins that are worked on at once.
+    pub(crate) fn origin_blocks(&self) -> impl Iterator<Item = &'a [OriginDemand]> + use<'a> {
+        self.demand.origins().chunks(ORIGINS_PER_BLOCK)
+    }
+
+    /// Cost that drivers balance, of every link.
+    pub(crate) fn update_costs(&self, link_flows: &[f64], link_costs: &mut [f64]) {
+        for ((cost, delay), &flow) in link_costs.iter_mut().zip(&self.delays).zip(link_flows) {
+            *cost = delay.cost(flow);
+        }
+    }
+
+    /// The objective: sum of the integrals of the costs that drivers balance.
+    pub(crate) fn objective(&self, link_flows: &[f64]) -> f64 {
+        self.delays
+            .iter()
+            .zip(link_flows)
+            .map(|(delay, &flow)| delay.integral(flow))
+            .sum()
+    }
+
+    /// Runs `work` on every item, on all threads. Items must not depend on each other.
+    pub(crate) fn for_each<T: Send>(&self, items: &mut [T], work: impl Fn(&mut T) + Send + Sync) {
+        match &self.threads {
+            Some(threads) => threads.install(|| items.par_iter_mut().for_each(work)),
+            None => items.iter_mut().for_each(work),
+        }
+    }
+}
+
+/// Threads for as many blocks as there are; none where one thread does it all.
+fn thread_pool(threads: usize, origins: usize) -> Result<Option<rayon::ThreadPool>> {
+    let blocks = origins.div_ceil(ORIGINS_PER_BLOCK);
+    let wanted = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        some => some,
+    };
+    let useful = wanted.min(blocks);
+    if useful <= 1 {
+        return Ok(None);
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(useful)
+        .build()
+        .map(Some)
+        .map_err(|failure| Error::input("threads", failure, "as many as the system can start"))
+}
+
+/// (TSTT - SPTT) / TSTT, 0 where nobody travels. Rounding can take the difference below 0; it is clamped.
+pub(crate) fn relative_gap(total_cost: f64, shortest_path_cost: f64) -> f64 {
+    if total_cost == 0.0 {
+        return 0.0;
+    }
+    let gap = (total_cost - shortest_path_cost) / total_cost;
+    if gap < 0.0 { 0.0 } else { gap }
+}
+
+/// Sum of products, in order.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The log of a solve, which also says when to stop.
+pub(crate) struct Progress<'a> {
+    gap: f64,
+    max_iterations: usize,
+    start: Instant,
+    records: Vec<IterationRecord>,
+    observe: &'a mut dyn FnMut(&IterationRecord),
+}
+
+impl<'a> Progress<'a> {
+    pub(crate) fn new(options: &Options, observe: &'a mut dyn FnMut(&IterationRecord)) -> Self {
+        Self {
+            gap: options.gap,
+            max_iterations: options.max_iterations,
+            start: Instant::now(),
+            records: Vec::new(),
+            observe,
+        }
+    }
+
+    /// Logs the flows of one more iteration. True if it was the last: the gap is reached, or iterations are used up.
+    pub(crate) fn record(&mut self, relative_gap: f64, objective: f64) -> bool {
+        let record = IterationRecord {
+            iteration: self.records.len(),
+            relative_gap,
+            objective,
+            seconds: self.start.elapsed().as_secs_f64(),
+        };
+        (self.observe)(&record);
+        self.records.push(record);
+        relative_gap <= self.gap || record.iteration >= self.max_iterations
+    }
+
+    /// Whether the gap has not fallen below its best for `iterations` iterations: floating point gives no more.
+    pub(crate) fn stalls_for(&self, iterations: usize) -> bool {
+        let Some(split) = self.records.len().checked_sub(iterations + 1) else {
+            return false;
+        };
+        let best = |records: &[IterationRecord]| {
+            records
+                .iter()
+                .map(|record| record.relative_gap)
+                .fold(f64::INFINITY, f64::min)
+        };
+        let (before, recent) = self.records.split_at(split + 1);
+        best(recent) >= best(before)
+    }
+
+    /// The finished solution: `link_flows` are those of the last record.
+    pub(crate) fn into_solution(self, network: &Network, link_flows: Vec<f64>) -> Solution {
+        let link_costs = network.link_costs(&link_flows);
+        let last = self.records.last();
+        let relative_gap = last.map_or(0.0, |record| record.relative_gap);
+        Solution {
+            total_travel_time: dot(&link_flows, &link_costs),
+            relative_gap,
+            objective: last.map_or(0.0, |record| record.objective),
+            iterations: last.map_or(0, |record| record.iteration),
+            converged: relative_gap <= self.gap,
+            convergence: self.records,
+            link_flows,
+            link_costs,
+        }
+    }
+}
