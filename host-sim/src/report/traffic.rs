@@ -25,8 +25,6 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
         Column::number("V/C", "per road", 3),
         Column::number("trip time", "per road, s", 2),
         Column::number("if informed", "per road, s", 2),
-        Column::number("regret", "s/trip", 2),
-        Column::number("+-95 %", "s/trip", 2),
     ];
     let mut table = TextTable::new("What the age does to traffic", columns);
     for PolicyResult {
@@ -42,8 +40,6 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
                 traffic.stale.mean_volume_over_capacity.into(),
                 traffic.stale.mean_trip_time.into(),
                 traffic.informed.mean_trip_time.into(),
-                traffic.regret_s_per_trip.into(),
-                traffic.regret_ci95_s_per_trip.into(),
             ]);
         }
     }

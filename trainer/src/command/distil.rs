@@ -126,8 +126,13 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         slots: 1000,
         warmup: 500,
     };
-    let comparison =
-        pool.install(|| compare(&training_scenario()?, &extent, &made.distilled.network, &table))?;
+    let scenario = training_scenario()?;
+    let simulation = Simulation {
+        scenario: &scenario,
+        source: &MobilitySource::Grid,
+        extent,
+    };
+    let comparison = pool.install(|| compare(&simulation, &made.distilled.network, &table))?;
     let report = json!({
         "seed": recipe.seed,
         "hidden": recipe.hidden,
