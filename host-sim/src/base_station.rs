@@ -63,6 +63,14 @@ impl BaseStation {
 
     /// Prepares the next slot's broadcasts. `age_slots` is every present vehicle's age as the base station knows it.
     pub fn prepare(&mut self, present: &[usize], age_slots: impl Fn(usize) -> u8) {
+        let shrink_delay = self.scenario.shrink_delay_slots as usize;
+        for group in &mut self.groups {
+            group.sizes.push_back(group.members);
+            if group.sizes.len() > shrink_delay + 1 {
+                let _ = group.sizes.pop_front();
+            }
+            group.announced = group.sizes.iter().copied().max().unwrap_or(group.members);
+        }
         let mut joiners = [0; SUB_CHANNELS];
         for &vehicle in present {
             if let Some(group) = self.group[vehicle] {
@@ -70,13 +78,8 @@ impl BaseStation {
                 joiners[group.index()] += u32::from(age_slots(vehicle) > limit);
             }
         }
-        let shrink_delay = self.scenario.shrink_delay_slots as usize;
         let count_delay = self.scenario.joiner_count_delay_slots as usize;
         for (group, joiners) in self.groups.iter_mut().zip(joiners) {
-            group.sizes.push_back(group.members);
-            if group.sizes.len() > shrink_delay + 1 {
-                let _ = group.sizes.pop_front();
-            }
             if group.joiners.is_empty() {
                 // Before the first count arrives, everybody is a joiner.
                 group.joiners.resize(count_delay, group.members);
@@ -85,7 +88,6 @@ impl BaseStation {
             if group.joiners.len() > count_delay + 1 {
                 let _ = group.joiners.pop_front();
             }
-            group.announced = group.sizes.iter().copied().max().unwrap_or(group.members);
         }
     }
 

@@ -25,7 +25,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let line = CommandLine::parse();
+    let line: CommandLine = match command::parse() {
+        Ok(line) => line,
+        Err(code) => return code,
+    };
     let outcome = match line.command {
         None => command::run::run(&line.run),
         Some(Command::Run(arguments)) => command::run::run(&arguments),

@@ -23,7 +23,11 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match CommandLine::parse().command {
+    let line: CommandLine = match host_sim::command::parse() {
+        Ok(line) => line,
+        Err(code) => return code,
+    };
+    let outcome = match line.command {
         Command::Distil(arguments) => command::distil::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),

@@ -6,7 +6,32 @@ pub mod options;
 pub mod run;
 
 use crate::error::Result;
+use clap::error::ErrorKind;
 use std::process::ExitCode;
+
+/// Reads the command line. Help and version go to stdout as they are; anything wrong becomes one line on stderr and exit
+/// code 2.
+///
+/// # Errors
+/// The exit code to end with.
+pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
+    P::try_parse().map_err(|error| {
+        if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+            print!("{error}");
+            return ExitCode::SUCCESS;
+        }
+        let text = error.to_string();
+        let lines = text
+            .lines()
+            .map(str::trim)
+            .take_while(|line| !line.starts_with("Usage:"));
+        let line: Vec<&str> = lines
+            .filter(|line| !line.is_empty() && !line.starts_with("For more"))
+            .collect();
+        eprintln!("{}", line.join(" "));
+        ExitCode::from(2)
+    })
+}
 
 /// Ends a command: an error becomes one line on stderr and exit code 2.
 pub fn finish(outcome: Result<()>) -> ExitCode {

@@ -1,0 +1,118 @@
+//! The channel against first principles and the numbers that any implementation of the scenario must give.
+
+use firmware::decision::Decision;
+use host_sim::cell::Cell;
+use host_sim::mobility::{Mobility, MobilitySource};
+use host_sim::scenario::{Scenario, ScenarioSource};
+use host_sim::stream::{Purpose, WorldKey};
+
+fn scenario(settings: &[&str]) -> Scenario {
+    let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
+    ScenarioSource {
+        settings,
+        ..ScenarioSource::default()
+    }
+    .read()
+    .unwrap()
+}
+
+/// Gains of every vehicle and sub-channel in the first slot of many worlds, `[world * vehicle][sub-channel]`.
+fn first_gains(scenario: &Scenario, worlds: u64) -> Vec<[f32; 3]> {
+    let mut gains = Vec::new();
+    for world in 0..worlds {
+        let key = WorldKey {
+            seed: 99,
+            purpose: Purpose::Evaluation,
+            world,
+        };
+        let cell = Cell::new(
+            scenario,
+            Mobility::new(&MobilitySource::Grid, scenario, &key),
+            &key,
+        );
+        gains.extend(cell.present().iter().map(|&vehicle| *cell.gain_db(vehicle)));
+    }
+    gains
+}
+
+#[test]
+fn lone_signal_has_the_expected_quantiles_and_outage() {
+    let gains = first_gains(&scenario(&["cell.vehicles=100"]), 1000);
+    let outage = |gain: &f32| f64::from(*gain) < 8.450_980_4;
+    let one = gains.iter().filter(|gain| outage(&gain[0])).count() as f64 / gains.len() as f64;
+    let all = gains.iter().filter(|gain| gain.iter().all(outage)).count() as f64 / gains.len() as f64;
+    assert!((one - 0.014).abs() < 0.002, "outage on one sub-channel {one}");
+    assert!((all - 0.0016).abs() < 0.0005, "outage on all three {all}");
+}
+
+#[test]
+fn fast_fading_is_rayleigh_and_independent() {
+    // Without shadowing, on a single lane length: compare sub-channels of one vehicle, whose large-scale gain cancels.
+    let gains = first_gains(
+        &scenario(&["cell.vehicles=100", "radio.shadowing_deviation_db=0"]),
+        1000,
+    );
+    // a / (a + b) of two independent exponentials is uniform.
+    let shares: Vec<f64> = gains
+        .iter()
+        .map(|gain| 1.0 / (1.0 + libm::exp10(f64::from(gain[1] - gain[0]) / 10.0)))
+        .collect();
+    let count = shares.len() as f64;
+    for tenth in 1..10 {
+        let quantile = f64::from(tenth) / 10.0;
+        let below = shares.iter().filter(|&&share| share < quantile).count() as f64 / count;
+        assert!(
+            (below - quantile).abs() < 0.008,
+            "P(share < {quantile}) = {below}"
+        );
+    }
+}
+
+#[test]
+fn shadowing_decorrelates_over_its_distance() {
+    // 10 m/s: 1 m an update, so 50 updates are the decorrelation distance, where the correlation is 1/e. Distance to the
+    // base station hardly matters when the path loss has no slope.
+    let scenario = scenario(&[
+        "cell.vehicles=400",
+        "mobility.min_speed_m_per_s=10",
+        "mobility.max_speed_m_per_s=10",
+        "radio.path_loss_slope_db=0",
+        "radio.slow_update_slots=1",
+        "radio.shadowing_decorrelation_m=0.05",
+    ]);
+    // One slot an update: 0.01 m a slot, so the distance of 0.05 m is 5 slots.
+    let key = WorldKey {
+        seed: 4,
+        purpose: Purpose::Evaluation,
+        world: 0,
+    };
+    let mut cell = Cell::new(
+        &scenario,
+        Mobility::new(&MobilitySource::Grid, &scenario, &key),
+        &key,
+    );
+    let silent = vec![Decision::Silent; cell.vehicles()];
+    let mut history: Vec<Vec<f64>> = Vec::new();
+    for _ in 0..400 {
+        // The mean over sub-channels still holds fading, which is independent from slot to slot.
+        let level = |v: usize| cell.gain_db(v).iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0;
+        history.push((0..cell.vehicles()).map(level).collect());
+        let _ = cell.step(&silent);
+    }
+    let all: Vec<f64> = history.iter().flatten().copied().collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let covariance = |lag: usize| {
+        let pairs = history.iter().zip(&history[lag..]);
+        let products: Vec<f64> = pairs
+            .flat_map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - mean) * (b - mean)))
+            .collect();
+        products.iter().sum::<f64>() / products.len() as f64
+    };
+    // 64 dB^2 of shadowing at lag 0 (plus fading), 64 / e after 5 slots.
+    let (near, far) = (covariance(5), covariance(10));
+    assert!((near - 64.0 * 0.367_9).abs() < 1.5, "{near}");
+    assert!((far - 64.0 * 0.135_3).abs() < 1.5, "{far}");
+    // 31.0 dB^2 / 3 of Rayleigh fading in dB on top at lag 0.
+    let none = covariance(0);
+    assert!((none - 64.0 - 31.0 / 3.0).abs() < 2.0, "{none}");
+}

@@ -1,0 +1,248 @@
+//! The command line as scripts use it: keys, exit codes, one clear line on bad input, nothing half-written.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const SMALL: [&str; 6] = ["--worlds", "3", "--slots", "150", "--warmup", "100"];
+
+fn host_sim(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let output = host_sim(arguments);
+    assert!(
+        output.status.success(),
+        "{arguments:?}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Fails with one line on stderr, exit code 2 and nothing on stdout.
+fn refusal(arguments: &[&str]) -> String {
+    let output = host_sim(arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "{arguments:?} printed to stdout");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    message.trim_end().to_owned()
+}
+
+fn run_without_speed(arguments: &[&str]) -> Value {
+    let mut object = json(arguments);
+    for policy in object["policies"].as_array_mut().unwrap() {
+        assert!(policy["slots_per_second"].as_f64().unwrap() > 0.0);
+        policy["slots_per_second"] = Value::Null;
+    }
+    object
+}
+
+#[test]
+fn run_gives_the_contract_s_keys_for_every_policy() {
+    let object = json(&[&["run", "--json", "--seed", "7"], &SMALL[..]].concat());
+    assert_eq!(object["bound_age_ms"], 3.85);
+    let policies = object["policies"].as_array().unwrap();
+    let names: Vec<_> = policies
+        .iter()
+        .map(|policy| policy["policy"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        names,
+        [
+            "actor",
+            "central",
+            "clock",
+            "age-threshold",
+            "aloha",
+            "random",
+            "always"
+        ]
+    );
+    for policy in policies {
+        for key in [
+            "vehicles",
+            "worlds",
+            "slots",
+            "mean_age_ms",
+            "mean_age_ci95_ms",
+            "median_world_age_ms",
+            "p99_age_ms",
+            "first100_age_ms",
+            "success_per_slot",
+            "slots_per_second",
+        ] {
+            assert!(policy[key].is_number(), "{key} of {}", policy["policy"]);
+        }
+        assert_eq!(policy["per_vehicle"].as_array().unwrap().len(), 20);
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_threads() {
+    let run = |threads| run_without_speed(&[&["run", "--json", "--threads", threads], &SMALL[..]].concat());
+    assert_eq!(run("1"), run("2"));
+}
+
+#[test]
+fn a_run_without_json_writes_figures_and_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let output = host_sim(
+        &[
+            &["--out", out, "--policy", "actor", "--policy", "central"],
+            &SMALL[..],
+        ]
+        .concat(),
+    );
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        text.contains("Age of information") && text.contains("What the age does to traffic"),
+        "{text}"
+    );
+    assert!(text.contains("(bound)"));
+    for file in [
+        "mean_age.svg",
+        "mean_age.csv",
+        "cold_start.svg",
+        "age_distribution.svg",
+        "traffic.csv",
+        "volume_over_capacity.svg",
+        "travel_time.csv",
+        "run.json",
+    ] {
+        assert!(
+            std::fs::metadata(folder.path().join(file)).unwrap().len() > 100,
+            "{file}"
+        );
+    }
+}
+
+#[test]
+fn figures_are_listed_and_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let object = json(&["figures", "--json", "--out", folder.path().to_str().unwrap()]);
+    let files = object["files"].as_array().unwrap();
+    assert_eq!(files.len(), 4);
+    assert!(
+        files
+            .iter()
+            .all(|file| Path::new(file.as_str().unwrap()).exists())
+    );
+}
+
+#[test]
+fn a_trace_runs_to_its_end_with_all_its_vehicles() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fcd.xml");
+    let mut trace = String::from("<fcd-export>\n");
+    for step in 0..=20 {
+        trace += &format!("<timestep time=\"{}.{}\">", step / 10, step % 10);
+        for (name, first, last) in [("a", 0, 20), ("b", 0, 20), ("late", 8, 20), ("early", 0, 12)] {
+            if (first..=last).contains(&step) {
+                trace += &format!(
+                    "<vehicle id=\"{name}\" x=\"{}\" y=\"700\" speed=\"13\"/>",
+                    100 + step
+                );
+            }
+        }
+        trace += "</timestep>\n";
+    }
+    std::fs::write(&path, trace + "</fcd-export>\n").unwrap();
+    let path = path.to_str().unwrap();
+    let arguments = ["run", "--json", "--mobility", path, "--worlds", "2"];
+    let object = run_without_speed(&arguments);
+    assert_eq!(object, run_without_speed(&arguments));
+    let actor = &object["policies"][0];
+    assert_eq!(
+        (actor["vehicles"].as_u64(), actor["slots"].as_u64()),
+        (Some(4), Some(1500))
+    );
+    assert!(actor["mean_age_ms"].as_f64().unwrap() < 10.0);
+    let slots = |vehicle: usize| actor["per_vehicle"][vehicle]["slots"].as_u64().unwrap();
+    let names: Vec<_> = (0..4)
+        .map(|v| actor["per_vehicle"][v]["vehicle"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["a", "b", "early", "late"]);
+    // After 500 slots of warm-up: 2 worlds x 1500, 800 to 1200 for "early", 800 to the end for "late".
+    assert_eq!((slots(0), slots(1)), (3000, 3000));
+    assert!((1400..=1602).contains(&slots(2)), "{}", slots(2));
+    assert!((2398..=2402).contains(&slots(3)), "{}", slots(3));
+    assert!(object["bound_age_ms"].as_f64().unwrap() >= 1.0);
+    assert!(refusal(&["run", "--mobility", path, "--slots", "5000"]).contains("the length of the trace"));
+    assert!(refusal(&["run", "--mobility", path, "--vehicles", "5"]).contains("brings its own vehicles"));
+}
+
+#[test]
+fn bad_scenarios_are_one_line_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scenario.toml");
+    let path = file.to_str().unwrap();
+    let in_file = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        refusal(&["run", "--scenario", path]).replace(path, "FILE")
+    };
+    assert_eq!(
+        in_file("[radio]\nmax_power_dbm = \"high\"\n"),
+        "error: FILE: key radio.max_power_dbm: found \"high\", expected a number"
+    );
+    assert!(
+        in_file("[radio]\nmax_powr_dbm = 3\n")
+            .starts_with("error: FILE: key radio.max_powr_dbm: found an unknown key, expected one of radio.")
+    );
+    assert!(in_file("[radio\n").starts_with("error: FILE:1: found "));
+    assert_eq!(
+        in_file("[mobility]\nturn_probability = 1.5\n"),
+        "error: mobility.turn_probability: found 1.5, expected a probability from 0 to 1"
+    );
+    assert_eq!(
+        refusal(&["run", "--set", "radio.shadowing_deviation_db=-1"]),
+        "error: radio.shadowing_deviation_db: found -1, expected a finite number from 0 on"
+    );
+    assert_eq!(
+        refusal(&["run", "--vehicles", "73"]),
+        "error: vehicles: found 73, expected at most 72, which the table serves"
+    );
+    assert_eq!(
+        refusal(&["run", "--set", "radio.max_power_dbm=23"]),
+        "error: radio.max_power_dbm: found 23, expected at least 30 dBm, the full power of the table"
+    );
+    assert_eq!(
+        refusal(&["run", "--preset", "moon"]),
+        "error: invalid value 'moon' for '--preset <PRESET>' [possible values: paper, companion]"
+    );
+    assert!(refusal(&["run", "--worlds", "0"]).contains("--worlds"));
+    assert!(refusal(&["run", "--worlds", "-3"]).contains("unexpected argument '-3'"));
+    assert!(
+        refusal(&["run", "--scenario", "/no/such.toml"]).starts_with("error: /no/such.toml: No such file")
+    );
+}
+
+#[test]
+fn bad_tables_are_named_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (folder.path().join("table.bin"), folder.path().join("out"));
+    let path = file.to_str().unwrap();
+    let with = |bytes: &[u8]| {
+        std::fs::write(&file, bytes).unwrap();
+        let message =
+            refusal(&["run", "--table", path, "--out", out.to_str().unwrap()]).replace(path, "FILE");
+        assert!(!out.exists());
+        message
+    };
+    let table = firmware::tables::DISTILLED;
+    assert_eq!(
+        with(&[]),
+        "error: FILE: truncated: found 0 bytes, expected at least 92 bytes".trim_end_matches(" bytes")
+    );
+    assert!(with(&table[..table.len() - 1]).starts_with("error: FILE: length: found "));
+    let mut flipped = table.to_vec();
+    flipped[500] ^= 4;
+    assert!(with(&flipped).starts_with("error: FILE: checksum: found "));
+    flipped[0] = b'X';
+    assert!(with(&flipped).starts_with("error: FILE: magic: found "));
+}
