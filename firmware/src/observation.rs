@@ -100,7 +100,7 @@ impl Observation {
     }
 
     /// [`Observation::private_uniform`] over the joiner probability, in 1/65536: a joiner should send below 65536, and the value
-    /// is then uniform again.
+    /// is then uniform again. Below 65536 the reciprocal costs at most 0.0039 (`tests/observation.rs`).
     pub fn thinned_uniform(&self) -> Fraction {
         let quotient = u64::from(self.private_uniform())
             .wrapping_mul(u64::from(reciprocal(self.joiner_probability.in_256ths())))
@@ -191,7 +191,7 @@ fn saturate(value: i32) -> i8 {
     }
 }
 
-/// 64 (dB / 10 - 3.5) / 2 = 3.2 dB - 112, rounded down.
+/// 64 (dB / 10 - 3.5) / 2 = 3.2 dB - 112, rounded down; at most 1.06 steps off.
 fn gain_code(gain: Level) -> i8 {
     // 3.2 / 256 = 819 / 65536 to 2e-4
     saturate((i32::from(gain.to_bits()).wrapping_mul(819) >> 16).wrapping_sub(112))

@@ -11,6 +11,9 @@ use nalgebra::{Matrix2, RowVector2, Vector2};
 /// mean -2.51 and standard deviation 5.57, so the mean of three varies by 10.3 dB^2; shadowing with 8 dB and 50 m moves
 /// a vehicle at 12 m/s by 0.03 dB^2 in a slot. Those two give the gain of the level; the small gain of the change is
 /// chosen for damping.
+///
+/// Measured on such tracks (`tests/tracker.rs`): RMS error of the mean level 0.79 dB one slot ahead, 1.2 dB after 20 slots,
+/// 2.3 dB after 99, where repeating the last sample has 5.5 dB.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LevelTracker {
     state: Option<Vector2<f32>>,
@@ -18,6 +21,8 @@ pub struct LevelTracker {
 
 /// sqrt(0.03 / 10.3), the steady-state gain of a random walk in noise, and 1/200 of it.
 const GAIN: Vector2<f32> = Vector2::new(0.054, 0.000_27);
+/// Of a [`Level`].
+const STEPS_PER_DB: f32 = 256.0;
 const OBSERVED: RowVector2<f32> = RowVector2::new(1.0, 0.0);
 /// One slot: the level moves by its change.
 const TRANSITION: Matrix2<f32> = Matrix2::new(1.0, 1.0, 0.0, 1.0);
@@ -44,7 +49,14 @@ impl LevelTracker {
     }
 
     /// The level to expect on any sub-channel, or `None` before the first measurement.
+    #[allow(
+        clippy::arithmetic_side_effects,
+        clippy::cast_possible_truncation,
+        reason = "floating point"
+    )]
     pub fn predicted(&self) -> Option<Level> {
-        self.state.map(|state| Level::saturating_from_num(state.x))
+        // `Level::saturating_from_num` panics on a NaN; this cast saturates, and makes 0 of it.
+        self.state
+            .map(|state| Level::from_bits((state.x * STEPS_PER_DB) as i16))
     }
 }

@@ -9,8 +9,8 @@ use crate::units::{Dbm, JoinerProbability, Level, Period, SUB_CHANNELS, SlotInde
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Longest frame on the wire with its delimiter: 47 bytes of fields and checksum at most, one of COBS overhead, the
-/// delimiter, rounded up.
+/// Room for any frame on the wire with its delimiter. The longest measurement takes 39 bytes: 33 of fields, 4 of checksum,
+/// one of byte stuffing, the delimiter; the longest answer takes 17.
 pub const MAX_FRAME: usize = 64;
 
 /// From the modem, once a slot.

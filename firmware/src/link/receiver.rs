@@ -2,6 +2,7 @@
 
 use super::MAX_FRAME;
 use crate::table::CHECKSUM;
+use cobs::{DecodeResult, DecoderState};
 use heapless::Vec;
 use serde::de::DeserializeOwned;
 
@@ -53,7 +54,7 @@ impl Receiver {
         } else if self.bytes.is_empty() {
             None
         } else {
-            Some(decode(&mut self.bytes))
+            Some(decode(&self.bytes))
         };
         self.bytes.clear();
         self.overflowed = false;
@@ -61,15 +62,30 @@ impl Receiver {
     }
 }
 
-fn decode<T: DeserializeOwned>(wire: &mut [u8]) -> Result<T, LinkError> {
-    let length = cobs::decode_in_place(wire).map_err(|_| LinkError::Stuffing)?;
-    let fields = wire.get(..length).ok_or(LinkError::Stuffing)?;
+fn decode<T: DeserializeOwned>(wire: &[u8]) -> Result<T, LinkError> {
+    let fields = unstuff(wire)?;
     let (frame, rest) =
-        postcard::take_from_bytes_crc32(fields, CHECKSUM.digest()).map_err(|_| LinkError::Contents)?;
+        postcard::take_from_bytes_crc32(&fields, CHECKSUM.digest()).map_err(|_| LinkError::Contents)?;
     // Bytes behind the checksum belong to no frame.
     if rest.is_empty() {
         Ok(frame)
     } else {
         Err(LinkError::Contents)
+    }
+}
+
+/// Undoes the byte stuffing. Byte by byte, because `cobs::decode_in_place` indexes a slice in a way that the compiler cannot
+/// prove to stay inside, and would bring the only panic into the image.
+fn unstuff(wire: &[u8]) -> Result<Vec<u8, MAX_FRAME>, LinkError> {
+    let mut fields = Vec::new();
+    let mut decoder = DecoderState::default();
+    for &byte in wire {
+        if let DecodeResult::DataContinue(byte) = decoder.feed(byte).map_err(|_| LinkError::Stuffing)? {
+            fields.push(byte).map_err(|_| LinkError::TooLong)?;
+        }
+    }
+    match decoder.feed(0) {
+        Ok(DecodeResult::DataComplete) => Ok(fields),
+        _ => Err(LinkError::Stuffing),
     }
 }
