@@ -9,6 +9,7 @@ use crate::table::{Table, TableError};
 use crate::tracker::LevelTracker;
 use crate::units::{Age, SlotIndex};
 use rand_core::Rng;
+use rand_pcg::Pcg32;
 
 /// Slots without a measurement after which a unit stays silent: what it knows of its channel and its turn is older than
 /// the longest age.
@@ -46,6 +47,13 @@ pub struct Report {
     pub decision: Decision,
     /// On what grounds.
     pub state: State,
+}
+
+/// The back-off generator of the device with this 96-bit identity. Chips of one wafer share the upper words (lot and wafer)
+/// and differ in the first (position), which is in the seed's low half: one step of the generator spreads it.
+pub fn back_off(device: [u32; 3]) -> Pcg32 {
+    let [first, second, third] = device;
+    Pcg32::new(u64::from(second) << 32 | u64::from(first), u64::from(third))
 }
 
 /// A vehicle's unit. `R` drives the fallback's back-off; nominal decisions use no generator.
@@ -123,6 +131,10 @@ impl<'t, R: Rng> Unit<'t, R> {
 
     fn measured(&mut self, measurement: &Measurement, elapsed: u32) -> (Decision, State) {
         self.pass(elapsed.saturating_sub(1));
+        if self.missed >= MAX_MISSED {
+            // A level from before the gap would take some 50 slots to forget.
+            self.tracker = LevelTracker::default();
+        }
         self.missed = 0;
         self.tracker.measure(measurement.gain());
         self.known = Some(Known {
