@@ -1,0 +1,82 @@
+//! What the image would run, for people: the built-in table in words.
+
+use firmware::table::{MAX_LAYERS, Table};
+use firmware::tables::DISTILLED;
+use firmware::unit::{Unit, back_off};
+use std::process::ExitCode;
+
+/// Prints the built-in table; fails if a unit would refuse it.
+pub fn describe_built_in_table() -> ExitCode {
+    // A unit and not the bare table, so that a build with logging logs what the image would.
+    let unit = Unit::new(DISTILLED, back_off([0; 3]));
+    let outcome = match unit.table() {
+        Ok(table) => {
+            print!("{}", description(table));
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("built-in table of {} bytes: {error}", DISTILLED.len());
+            eprintln!(
+                "a unit with this image stays silent; `cargo run --release -p trainer -- export` writes a table"
+            );
+            ExitCode::FAILURE
+        }
+    };
+    #[cfg(feature = "defmt")]
+    println!("{}", crate::host_logger::summary());
+    outcome
+}
+
+fn description(table: &Table<'_>) -> String {
+    let layers = || table.hidden_layers().iter().chain([table.output_layer()]);
+    let mut widths: Vec<usize> = layers().map(|layer| layer.inputs_len()).collect();
+    widths.push(table.output_layer().outputs_len());
+    let geometry = widths.iter().map(usize::to_string).collect::<Vec<_>>().join("-");
+    let products: usize = layers()
+        .map(|layer| layer.inputs_len() * layer.outputs_len())
+        .sum();
+
+    let provenance = table.provenance();
+    let revision = if provenance.revision == [0; 20] {
+        "unknown".to_owned()
+    } else {
+        provenance
+            .revision
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect()
+    };
+    let modified = if provenance.modified {
+        " with uncommitted changes"
+    } else {
+        ""
+    };
+
+    // Scales count 2^-24; the inputs' comes first, then one for every layer.
+    let scales = table.scales();
+    let scales = scales.iter().take(widths.len().min(MAX_LAYERS + 1));
+    let scales = scales
+        .map(|&scale| format!("{:.6}", f64::from(scale) / f64::from(1 << 24)))
+        .collect::<Vec<_>>()
+        .join(", ");
+
+    let plan = table.power_plan();
+    let levels = plan.joiner_levels.map(|level| level.to_string()).join(", ");
+    let checksum = table.bytes().last_chunk().copied().map_or(0, u32::from_le_bytes);
+    format!(
+        "geometry            {geometry} ({products} multiplications)\n\
+         size                {size} bytes, CRC-32 {checksum:#010x}\n\
+         trained for         up to {vehicles} vehicles\n\
+         training seed       {seed}\n\
+         source revision     {revision}{modified}\n\
+         scales              {scales} (inputs, then each layer)\n\
+         required SINR       {sinr} dB\n\
+         full power          {power} dBm\n\
+         joiner levels       {levels} dB over noise\n",
+        size = table.bytes().len(),
+        vehicles = table.max_vehicles(),
+        seed = provenance.seed,
+        sinr = table.required_sinr(),
+        power = plan.max_power.value(),
+    )
+}
