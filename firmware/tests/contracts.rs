@@ -1,0 +1,21 @@
+//! What the library promises, checked against real numbers and independent formulas: one module for each part.
+//!
+//! With the feature `defmt` the same tests run with live logging into a counting stub.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
+
+mod actor;
+mod decision;
+mod description;
+mod link;
+#[cfg(feature = "defmt")]
+mod logging;
+mod observation;
+mod table;
+mod table_builder;
+mod telemetry;
+mod tracker;
+mod unit;
+
+#[cfg(feature = "defmt")]
+#[path = "../src/host_logger.rs"]
+mod host_logger;

@@ -1,0 +1,169 @@
+//! Nothing but a whole, undamaged table of a kind that the firmware serves is accepted, and every refusal says why.
+
+use crate::table_builder::{Contents, Layer, seal};
+use firmware::decision::ACTIONS;
+use firmware::observation::INPUTS;
+use firmware::table::{Table, TableError};
+use firmware::units::{Dbm, Level};
+
+fn small() -> Contents {
+    Contents::random(7, &[INPUTS, 5, 3, ACTIONS])
+}
+
+#[test]
+fn every_field_arrives() {
+    let mut contents = small();
+    contents.modified = 1;
+    let bytes = contents.bytes();
+    let table = Table::parse(&bytes).unwrap();
+    assert_eq!(table.max_vehicles(), contents.max_vehicles);
+    assert_eq!(table.required_sinr(), Level::from_bits(contents.required_sinr));
+    assert_eq!(table.power_plan().max_power, Dbm::from_bits(contents.max_power));
+    assert_eq!(
+        table.power_plan().joiner_levels,
+        contents.joiner_levels.map(Level::from_bits)
+    );
+    assert_eq!(table.provenance().seed, contents.seed);
+    assert_eq!(table.provenance().revision, contents.revision);
+    assert!(table.provenance().modified);
+    assert_eq!(table.scales(), &contents.scales);
+    assert_eq!(table.bytes(), bytes);
+    let widths: Vec<_> = table
+        .hidden_layers()
+        .iter()
+        .chain([table.output_layer()])
+        .map(|layer| layer.outputs_len())
+        .collect();
+    assert_eq!(widths, [5, 3, ACTIONS]);
+}
+
+#[test]
+fn every_truncation_is_refused() {
+    let bytes = small().bytes();
+    for length in 0..bytes.len() {
+        assert!(
+            Table::parse(&bytes[..length]).is_err(),
+            "{length} of {} bytes",
+            bytes.len()
+        );
+    }
+    let mut longer = bytes;
+    longer.push(0);
+    assert!(Table::parse(&longer).is_err(), "one byte too many");
+}
+
+#[test]
+fn every_flipped_bit_is_refused() {
+    let mut bytes = small().bytes();
+    assert!(Table::parse(&bytes).is_ok());
+    for bit in 0..bytes.len() * 8 {
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        assert!(
+            Table::parse(&bytes).is_err(),
+            "bit {} of byte {}",
+            bit % 8,
+            bit / 8
+        );
+        bytes[bit / 8] ^= 1 << (bit % 8);
+    }
+}
+
+/// The error's text for a table with one thing wrong and a checksum that fits.
+fn refusal(change: impl FnOnce(&mut Contents)) -> String {
+    let mut contents = small();
+    change(&mut contents);
+    Table::parse(&contents.bytes()).unwrap_err().to_string()
+}
+
+fn widen(contents: &mut Contents, layer: usize, inputs: usize) {
+    contents.widths[layer] = inputs as u16;
+    for row in &mut contents.layers[layer].weights {
+        row.resize(inputs, 0);
+    }
+}
+
+#[test]
+fn every_refusal_names_its_field() {
+    let cases: [(String, &str); 16] = [
+        (
+            refusal(|c| c.magic = *b"GIRF"),
+            "magic: found [47, 49, 52, 46], expected [46, 4c, 41, 54] (FLAT)",
+        ),
+        (refusal(|c| c.version = 2), "version: found 2, expected 1"),
+        (
+            refusal(|c| c.sub_channels = 4),
+            "sub_channels: found 4, expected 3",
+        ),
+        (refusal(|c| c.layer_count = 0), "layers: found 0, expected 4"),
+        (refusal(|c| c.layer_count = 5), "layers: found 5, expected 4"),
+        (refusal(|c| c.layer_count = 2), "width: found 6, expected 0"),
+        (refusal(|c| c.layer_count = 4), "width: found 0, expected 1024"),
+        (
+            refusal(|c| c.widths[1] = 1025),
+            "width: found 1025, expected 1024",
+        ),
+        (refusal(|c| c.reserved.0 = 1), "reserved: found 1, expected 0"),
+        (refusal(|c| c.reserved.1 = 1), "reserved: found 1, expected 0"),
+        (refusal(|c| c.modified = 2), "modified: found 2, expected 1"),
+        (
+            refusal(|c| c.layers[1].biases[2] = (1 << 30) + 1),
+            "bias: found 1073741825, expected 1073741824",
+        ),
+        (refusal(|c| c.padding = 1), "padding: found 1, expected 0"),
+        (refusal(|c| widen(c, 0, 21)), "inputs: found 21, expected 20"),
+        (
+            refusal(|c| {
+                let last: &mut Layer = c.layers.last_mut().unwrap();
+                last.biases.push(0);
+                last.multipliers.push(0);
+                last.weights.push(vec![0; 3]);
+                c.widths[3] = 7;
+            }),
+            "outputs: found 7, expected 6",
+        ),
+        (
+            refusal(|c| drop(c.layers.pop())),
+            "truncated: found 0 bytes, expected at least 24",
+        ),
+    ];
+    for (found, expected) in cases {
+        assert_eq!(found, expected);
+    }
+
+    let whole = small().bytes();
+    let mut body = whole[..whole.len() - 4].to_vec();
+    body.extend([0; 8]);
+    let left_over = seal(body);
+    assert_eq!(
+        Table::parse(&left_over).unwrap_err().to_string(),
+        "left over bytes: found 8, expected 0"
+    );
+    assert_eq!(
+        Table::parse(&whole[..90]).unwrap_err().to_string(),
+        "truncated: found 90 bytes, expected at least 92"
+    );
+    assert_eq!(
+        Table::parse(&whole[..100]).unwrap_err(),
+        TableError::Length {
+            header: whole.len() as u32,
+            found: 100
+        }
+    );
+    let mut damaged = whole;
+    damaged[20] ^= 1;
+    let error = Table::parse(&damaged).unwrap_err();
+    assert!(matches!(error, TableError::Checksum { .. }));
+    assert!(
+        error.to_string().ends_with("as stored: the table is damaged"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_built_in_table_describes_itself() {
+    // Whichever table is built in, it either parses or says what is wrong with it.
+    match Table::parse(firmware::tables::DISTILLED) {
+        Ok(table) => assert!(table.bytes().len() <= 8 << 10),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+}
