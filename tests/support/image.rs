@@ -1,0 +1,145 @@
+//! The deployed image, built as its users build it.
+
+use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+const TARGET: &str = "thumbv7em-none-eabihf";
+
+fn workspace() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// The image's ELF file, built once for each test program.
+///
+/// It has a target directory of its own: the outer Cargo holds the lock of the usual one while tests run.
+///
+/// # Panics
+/// If the build fails, with Cargo's own words.
+pub fn elf() -> &'static Path {
+    static IMAGE: OnceLock<PathBuf> = OnceLock::new();
+    IMAGE.get_or_init(|| build(&[]))
+}
+
+/// The same with logging.
+///
+/// # Panics
+/// If the build fails, with Cargo's own words.
+pub fn elf_with_defmt() -> &'static Path {
+    static IMAGE: OnceLock<PathBuf> = OnceLock::new();
+    IMAGE.get_or_init(|| build(&["--features", "defmt"]))
+}
+
+fn build(arguments: &[&str]) -> PathBuf {
+    // A test program lies in TARGET/PROFILE/deps, wherever the caller has put TARGET.
+    let program = std::env::current_exe().unwrap();
+    let target = program.ancestors().nth(3).unwrap();
+    let directory = target.join(if arguments.is_empty() {
+        "image"
+    } else {
+        "image-defmt"
+    });
+    let output = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
+        .args([
+            "build",
+            "-p",
+            "firmware",
+            "--profile",
+            "firmware",
+            "--target",
+            TARGET,
+        ])
+        .args(arguments)
+        .arg("--target-dir")
+        .arg(&directory)
+        .current_dir(workspace())
+        .output()
+        .unwrap_or_else(|error| panic!("cargo does not start: {error}"));
+    assert!(
+        output.status.success(),
+        "the image does not build (`rustup target add {TARGET}` if the target is missing):\n{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    directory.join(TARGET).join("firmware").join("firmware")
+}
+
+/// The image's bytes.
+///
+/// # Panics
+/// If the file cannot be read.
+pub fn read(path: &Path) -> Vec<u8> {
+    std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// A section as it lies in memory.
+#[derive(Clone, Debug)]
+pub struct Section {
+    /// Its name.
+    pub name: String,
+    /// Its address when the image runs.
+    pub address: u64,
+    /// Its length in memory.
+    pub length: u64,
+    /// Its contents; empty for zeroed memory.
+    pub contents: Vec<u8>,
+    /// Where its contents begin in the file.
+    pub file_offset: Option<usize>,
+    /// Code, read-only data, data or zeroed memory.
+    pub kind: SectionKind,
+}
+
+/// The sections that take memory on the chip.
+///
+/// # Panics
+/// If the file is no ELF.
+pub fn sections(elf: &[u8]) -> Vec<Section> {
+    let file = object::File::parse(elf).unwrap_or_else(|error| panic!("no ELF: {error}"));
+    file.sections()
+        .filter(|section| section.address() != 0 && section.size() != 0)
+        .map(|section| Section {
+            name: section.name().unwrap_or("?").to_owned(),
+            address: section.address(),
+            length: section.size(),
+            contents: section.data().unwrap_or(&[]).to_vec(),
+            file_offset: section.file_range().map(|(offset, _)| offset as usize),
+            kind: section.kind(),
+        })
+        .collect()
+}
+
+/// The names of all symbols, as the linker knows them.
+///
+/// # Panics
+/// If the file is no ELF.
+pub fn symbols(elf: &[u8]) -> Vec<String> {
+    let file = object::File::parse(elf).unwrap_or_else(|error| panic!("no ELF: {error}"));
+    file.symbols()
+        .filter_map(|symbol| symbol.name().ok().map(str::to_owned))
+        .collect()
+}
+
+/// Where in the file the built-in table begins. The linker keeps no symbol for it, so it is found by its bytes.
+///
+/// # Panics
+/// If the table is not in read-only memory exactly once.
+pub fn table_offset(elf: &[u8]) -> usize {
+    let table = firmware::tables::DISTILLED;
+    let offsets: Vec<usize> = sections(elf)
+        .iter()
+        .filter_map(|section| Some((section, section.file_offset?)))
+        .flat_map(|(section, start)| {
+            let windows = section.contents.windows(table.len());
+            let found = windows.enumerate().filter(|(_, window)| *window == table);
+            found.map(move |(offset, _)| start + offset).collect::<Vec<_>>()
+        })
+        .collect();
+    let [offset] = offsets.as_slice() else {
+        panic!(
+            "the built-in table of {} bytes is in the image {} times, expected once",
+            table.len(),
+            offsets.len()
+        );
+    };
+    *offset
+}
