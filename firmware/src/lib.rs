@@ -14,7 +14,7 @@
 //! * [`actor`]: dense int8 layers with an exact integer specification.
 //! * [`decision`]: network output to sub-channel and power; total.
 //! * [`table`]: the weight-table format, read in place. [`tables`]: the tables built into the image.
-//! * [`unit`]: the state machine over slots, with its fallback when a measurement is missing.
+//! * [`mod@unit`]: the state machine over slots, with its fallback when a measurement is missing.
 //! * [`link`]: frames between modem and unit.
 //! * [`telemetry`]: counters for people; never part of a decision.
 //!

@@ -131,6 +131,10 @@ impl<'t, R: Rng> Unit<'t, R> {
 
     fn measured(&mut self, measurement: &Measurement, elapsed: u32) -> (Decision, State) {
         self.pass(elapsed.saturating_sub(1));
+        if self.missed >= MAX_MISSED {
+            // A level from before the gap would take some 50 slots to forget.
+            self.tracker = LevelTracker::default();
+        }
         self.missed = 0;
         self.tracker.measure(measurement.gain());
         self.known = Some(Known {

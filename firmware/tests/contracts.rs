@@ -5,6 +5,7 @@
 
 mod actor;
 mod decision;
+mod description;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;

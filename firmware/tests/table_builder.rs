@@ -54,7 +54,7 @@ pub struct Contents {
 impl Contents {
     /// A random network of these widths: at least the inputs and one layer, at most four layers.
     pub fn random(seed: u64, widths: &[usize]) -> Self {
-        let mut rng = Pcg64Mcg::new(u128::from(seed) ^ 0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c834);
+        let mut rng = Pcg64Mcg::new((u128::from(seed) << 1) ^ 0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c834);
         let layers = widths
             .windows(2)
             .map(|pair| Layer::random(&mut rng, pair[0], pair[1]))
@@ -133,7 +133,14 @@ pub fn seal(mut body: Vec<u8>) -> Vec<u8> {
 impl Layer {
     fn random(rng: &mut Pcg64Mcg, inputs: usize, outputs: usize) -> Self {
         let weights = (0..outputs)
-            .map(|_| (0..inputs).map(|_| weight(rng)).collect())
+            .map(|_| {
+                let row: Vec<i32> = (0..inputs).map(|_| weight(rng)).collect();
+                // Activations are mostly positive: a row with a mean would win or lose on every input.
+                let mean = row.iter().sum::<i32>() / row.len() as i32;
+                row.iter()
+                    .map(|weight| (weight - mean).clamp(-128, 127) as i8)
+                    .collect()
+            })
             .collect();
         // A sum of `inputs` products of about 40 and 64 spreads over sqrt(inputs) x 2,600; this scales it to about 100, so that
         // hidden units work in their range.
@@ -151,15 +158,15 @@ impl Layer {
     }
 }
 
-/// About Gaussian with a standard deviation of 42, over the whole range of i8.
-fn weight(rng: &mut Pcg64Mcg) -> i8 {
+/// About Gaussian with a standard deviation of 42, of magnitude 146 at most.
+fn weight(rng: &mut Pcg64Mcg) -> i32 {
     let sum: i32 = rng
         .next_u32()
         .to_le_bytes()
         .iter()
         .map(|&byte| i32::from(byte))
         .sum();
-    ((sum - 510) * 2 / 7).clamp(-128, 127) as i8
+    (sum - 510) * 2 / 7
 }
 
 fn symmetric(rng: &mut Pcg64Mcg, magnitude: i32) -> i32 {

@@ -11,6 +11,7 @@ use firmware::unit::{Event, MAX_MISSED, Report, State, Unit, back_off};
 use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
 use proptest::prelude::*;
 use rand_pcg::Pcg32;
+use std::collections::BTreeSet;
 
 fn table() -> Vec<u8> {
     Contents::random(11, &[INPUTS, 16, ACTIONS]).bytes()
@@ -174,35 +175,85 @@ fn a_missing_measurement_degrades_then_silences() {
 }
 
 #[test]
-fn a_degraded_unit_keeps_its_turn_and_joins_when_it_lost_it() {
+fn a_degraded_unit_keeps_its_turn() {
     let bytes = table();
     let mut unit = unit(&bytes);
     let readings = Readings {
         slot: 100,
-        age: 1,
         home: 2,
         period: 10,
-        joiner_probability: 127,
         ..Readings::default()
     };
     assert!(unit.slot(&Event::Measured(readings.measurement())).is_some());
-    let (mut joins, mut joining_slots) = (0, 0);
-    for n in 1..100_u32 {
-        let report = unit.slot(&missed(100 + n)).unwrap();
-        let age = 1 + n;
-        if age > 70 {
-            joining_slots += 1;
-            joins += u32::from(report.decision != Decision::Silent);
-        } else {
-            let sends = matches!(report.decision, Decision::Transmit { sub_channel, power }
-                if sub_channel.index() == 2 && power.to_bits() == 23 << 8);
-            assert_eq!(sends, age % 10 == 0, "age {age}");
+    for age in 2..=70_u32 {
+        let sends = matches!(unit.slot(&missed(99 + age)).unwrap().decision, Decision::Transmit { sub_channel, power }
+            if sub_channel.index() == 2 && power.to_bits() == 23 << 8);
+        assert_eq!(sends, age % 10 == 0, "age {age}");
+    }
+}
+
+#[test]
+fn a_degraded_unit_that_lost_its_turn_joins_with_the_broadcast_probability() {
+    let bytes = table();
+    for (code, probability) in [(0, 1.0 / 256.0), (31, 0.125), (191, 0.75), (255, 1.0)] {
+        let (mut joined, mut slots, mut powers) = (0, 0, BTreeSet::new());
+        for identity in 0..100 {
+            let mut unit = Unit::new(&bytes, back_off([identity, 7, 7]));
+            let readings = Readings {
+                age: 100,
+                joiner_probability: code,
+                ..Readings::default()
+            };
+            assert!(unit.slot(&Event::Measured(readings.measurement())).is_some());
+            for n in 1..=90 {
+                slots += 1;
+                if let Decision::Transmit { power, .. } = unit.slot(&missed(1_000 + n)).unwrap().decision {
+                    joined += 1;
+                    powers.insert(power.value().to_num::<i32>());
+                }
+            }
+        }
+        let (share, deviation) = (
+            f64::from(joined) / f64::from(slots),
+            libm::sqrt(probability / f64::from(slots)),
+        );
+        assert!(
+            (share - probability).abs() <= 5.0 * deviation,
+            "{share} joined, expected {probability}"
+        );
+        // At 25 dB and 23 dBm the joiner levels of 12 and 23 dB take 10 and 21 dBm, those above full power.
+        if code > 0 {
+            assert_eq!(powers, BTreeSet::from([10, 21, 23]));
         }
     }
-    assert!(
-        (joining_slots / 4..=joining_slots * 3 / 4).contains(&joins),
-        "{joins} of {joining_slots} at probability 1/2"
+}
+
+#[test]
+fn a_level_from_before_a_long_gap_is_forgotten() {
+    let bytes = table();
+    let mut unit = unit(&bytes);
+    // With a period of 1 every slot is the unit's turn, so a degraded unit sends unless it hears itself too weakly.
+    let at = |slot: u32, decibels: i16| {
+        let readings = Readings {
+            slot,
+            gain: [decibels << 8; 3],
+            period: 1,
+            ..Readings::default()
+        };
+        Event::Measured(readings.measurement())
+    };
+    for slot in 0..200 {
+        assert!(unit.slot(&at(slot, 40)).is_some());
+    }
+    assert_ne!(unit.slot(&missed(200)).unwrap().decision, Decision::Silent);
+    assert!(unit.slot(&at(1_000, -20)).is_some());
+    let report = unit.slot(&missed(1_001)).unwrap();
+    assert_eq!(
+        (report.decision, report.state),
+        (Decision::Silent, State::Degraded)
     );
+    assert!(unit.slot(&at(2_000, 40)).is_some());
+    assert_ne!(unit.slot(&missed(2_001)).unwrap().decision, Decision::Silent);
 }
 
 #[test]

@@ -1,4 +1,5 @@
 //! The channel against first principles and the numbers that any implementation of the scenario must give.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::decision::Decision;
 use host_sim::cell::Cell;

@@ -1,4 +1,5 @@
 //! The command line as scripts use it: keys, exit codes, one clear line on bad input, nothing half-written.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use serde_json::Value;
 use std::path::Path;

@@ -1,6 +1,7 @@
 //! A small run of every policy, pinned to the last digit: the simulator's bytes are part of its contract.
 //!
 //! After a wanted change, `BLESS=1 cargo test -p host-sim --test golden` writes the new values; say why in CHANGELOG.md.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::table::Table;
 use host_sim::mobility::MobilitySource;

@@ -32,7 +32,9 @@ pub fn elf_with_defmt() -> &'static Path {
 }
 
 fn build(arguments: &[&str]) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(workspace().join("target"), PathBuf::from);
+    // A test program lies in TARGET/PROFILE/deps, wherever the caller has put TARGET.
+    let program = std::env::current_exe().unwrap();
+    let target = program.ancestors().nth(3).unwrap();
     let directory = target.join(if arguments.is_empty() {
         "image"
     } else {

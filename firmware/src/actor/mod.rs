@@ -34,15 +34,16 @@ impl<'t> Actor<'t> {
 
     /// The network's outputs for an encoded observation, in the table's common output scale.
     pub fn infer(&mut self, input: &[i8; INPUTS]) -> [i32; ACTIONS] {
-        for (activation, &value) in self.activations.iter_mut().zip(input) {
+        let (mut now, mut next) = (&mut self.activations, &mut self.next_activations);
+        for (activation, &value) in now.iter_mut().zip(input) {
             *activation = i16::from(value);
         }
         for layer in self.table.hidden_layers() {
-            layer.hidden(&self.activations, &mut self.next_activations);
-            core::mem::swap(&mut self.activations, &mut self.next_activations);
+            layer.hidden(now, next);
+            core::mem::swap(&mut now, &mut next);
         }
         let mut outputs = [0; ACTIONS];
-        self.table.output_layer().outputs(&self.activations, &mut outputs);
+        self.table.output_layer().outputs(now, &mut outputs);
         outputs
     }
 

@@ -34,7 +34,8 @@ pub struct MeasurementFrame {
     pub gain: [i16; SUB_CHANNELS],
     /// Noise plus interference of the slot before in 1/256 dB over noise.
     pub interference: [i16; SUB_CHANNELS],
-    /// The latest acknowledged slot.
+    /// The latest acknowledged slot. A modem may leave it out once it is 100 slots old, since ages saturate there, and must
+    /// before it is 2^31 slots old, from where it would lie in the future.
     pub last_acknowledged: Option<u32>,
     /// The home sub-channel.
     pub home: u8,
