@@ -19,8 +19,9 @@
 //!
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
-//! * [`shortest_path`], [`all_or_nothing`]: what every algorithm stands on.
-//! * [`frank_wolfe`]: link flows only, sensible to a gap of about 1e-4; [`path_based`]: linear convergence to 1e-12.
+//! * [`shortest_path`], `all_or_nothing`, `line_search`: what every algorithm stands on.
+//! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
+//!   1e-12, its Newton steps in `path_shift`.
 //! * [`check`]: judges any link flows on its own, sharing no code with the solvers.
 //!
 //! # Determinism
@@ -32,8 +33,10 @@ pub mod check;
 pub mod demand;
 mod frank_wolfe;
 pub mod grid;
+mod line_search;
 pub mod network;
 mod path_based;
+mod path_shift;
 mod problem;
 pub mod shortest_path;
 pub mod tntp;

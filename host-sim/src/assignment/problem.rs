@@ -9,6 +9,9 @@ use std::time::Instant;
 /// Origins per block. Fixed, because the order of additions must not depend on the number of threads.
 const ORIGINS_PER_BLOCK: usize = 16;
 
+/// Objectives that differ by less than this share are equal but for rounding.
+const OBJECTIVE_RESOLUTION: f64 = 1e-14;
+
 /// A network, a demand and the costs that the objective makes drivers balance.
 pub(crate) struct Problem<'a> {
     pub(crate) network: &'a Network,
@@ -151,19 +154,20 @@ impl<'a> Progress<'a> {
         relative_gap <= self.gap || record.iteration >= self.max_iterations
     }
 
-    /// Whether the gap has not fallen below its best for `iterations` iterations: floating point gives no more.
+    /// Whether neither the gap nor the objective have fallen below their best for `iterations` iterations. The gap alone
+    /// says little: it goes up and down while the objective creeps towards its minimum.
     pub(crate) fn stalls_for(&self, iterations: usize) -> bool {
-        let Some(split) = self.records.len().checked_sub(iterations + 1) else {
+        let Some(before) = self.records.len().checked_sub(iterations) else {
             return false;
         };
-        let best = |records: &[IterationRecord]| {
-            records
-                .iter()
-                .map(|record| record.relative_gap)
-                .fold(f64::INFINITY, f64::min)
+        let (before, recent) = self.records.split_at(before);
+        let best = |records: &[IterationRecord], value: fn(&IterationRecord) -> f64| {
+            records.iter().map(value).fold(f64::INFINITY, f64::min)
         };
-        let (before, recent) = self.records.split_at(split + 1);
-        best(recent) >= best(before)
+        let gap = |record: &IterationRecord| record.relative_gap;
+        let objective = |record: &IterationRecord| record.objective;
+        best(recent, gap) >= best(before, gap)
+            && best(recent, objective) >= best(before, objective) * (1.0 - OBJECTIVE_RESOLUTION)
     }
 
     /// The finished solution: `link_flows` are those of the last record.
