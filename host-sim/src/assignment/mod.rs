@@ -22,10 +22,10 @@
 //! * [`shortest_path`], `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift`.
-//! * [`check`]: judges any link flows on its own, sharing no code with the solvers.
+//! * [`check`]: judges any link flows, by other means than the solvers use.
 //!
 //! # Determinism
-//! Equal input gives equal bytes at any thread count: origins are split into blocks of a fixed size, and block results
+//! Equal input gives equal bytes at any thread count: origins are split into blocks by their number alone, and block results
 //! are added in block order. Only [`IterationRecord::seconds`] is a clock reading.
 
 mod all_or_nothing;

@@ -18,13 +18,13 @@ use crate::error::Result;
 const PATH_COST_TOLERANCE: f64 = 1e-14;
 
 /// Most sweeps over all pairs between two searches for new paths (chosen: a sweep costs about a third of a search).
-const SWEEPS_PER_ITERATION: usize = 12;
+const SWEEPS_PER_ITERATION: usize = 20;
 
 /// Sweeps end when the largest excess cost has fallen to this share of the first sweep's (chosen).
-const SWEEP_REDUCTION: f64 = 0.005;
+const SWEEP_REDUCTION: f64 = 0.001;
 
 /// Every so many sweeps the last one is extrapolated (chosen).
-const EXTRAPOLATION_INTERVAL: usize = 3;
+const EXTRAPOLATION_INTERVAL: usize = 5;
 
 /// Longest extrapolation, in sweeps (chosen).
 const LARGEST_EXTRAPOLATION: f64 = 1e4;
