@@ -652,7 +652,7 @@ fn bad_networks_are_named_by_line() {
         (
             "<NUMBER OF NODES> 3\n",
             "",
-            "net: found metadata without it, expected <NUMBER OF NODES> number",
+            "net: found no <NUMBER OF NODES>, expected it among the metadata",
         ),
         (
             "NODES> 3",
@@ -757,7 +757,7 @@ fn bad_trips_are_named_by_line() {
         (
             "<TOTAL OD FLOW> 9.0\n",
             "",
-            "trips: found metadata without it, expected <TOTAL OD FLOW> number",
+            "trips: found no <TOTAL OD FLOW>, expected it among the metadata",
         ),
         (
             "FLOW> 9.0",

@@ -19,7 +19,7 @@
 //!
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
-//! * [`shortest_path`], `all_or_nothing`, `line_search`: what every algorithm stands on.
+//! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift`.
 //! * [`check`]: judges any link flows, by other means than the solvers use.
@@ -33,6 +33,7 @@ pub mod check;
 pub mod demand;
 mod frank_wolfe;
 pub mod grid;
+mod heap;
 mod line_search;
 pub mod network;
 mod path_based;
