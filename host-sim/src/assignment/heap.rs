@@ -81,18 +81,22 @@ impl NodeHeap {
         let mut position = 0;
         loop {
             let first_child = ARITY * position + 1;
-            let mut cheapest = position;
-            let mut least = entry;
-            for child in first_child..(first_child + ARITY).min(entries.len()) {
-                if entries[child].0 < least.0 {
-                    (cheapest, least) = (child, entries[child]);
-                }
+            let end = (first_child + ARITY).min(entries.len());
+            let Some(children) = entries.get(first_child..end) else {
+                break;
+            };
+            // Costs alone are compared, so that the minimum needs no branch.
+            let (mut cheapest, mut least) = (position, entry.0);
+            for (child, &(cost, _)) in (first_child..).zip(children) {
+                cheapest = if cost < least { child } else { cheapest };
+                least = if cost < least { cost } else { least };
             }
             if cheapest == position {
                 break;
             }
-            entries[position] = least;
-            positions[least.1 as usize] = position as u32;
+            let below = entries[cheapest];
+            entries[position] = below;
+            positions[below.1 as usize] = position as u32;
             position = cheapest;
         }
         entries[position] = entry;
