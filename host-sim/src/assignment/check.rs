@@ -1,6 +1,6 @@
 //! An independent judge of link flows: gap, objective and conservation from the flows alone.
 //!
-//! It shares no computation with the solvers. Costs come from the printed BPR formula, cheapest paths from a
+//! It gets there by other means than the solvers. Costs come from the printed BPR formula, cheapest paths from a
 //! label-correcting search (Pape 1974 with a plain queue), sums run in link order.
 
 use super::demand::Demand;

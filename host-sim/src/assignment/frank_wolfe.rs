@@ -7,6 +7,7 @@
 
 use super::Algorithm;
 use super::all_or_nothing::Loader;
+use super::line_search::exact_step;
 use super::problem::{Problem, Progress, dot, relative_gap};
 use crate::error::Result;
 
@@ -15,12 +16,6 @@ const LARGEST_CONJUGATE_SHARE: f64 = 0.99;
 
 /// A step this long forgets the flows it started from, and conjugacy with them.
 const FULL_STEP: f64 = 0.99999;
-
-/// A step length is found when the bracket or the correction is this short.
-const STEP_TOLERANCE: f64 = 1e-14;
-
-/// Most evaluations in one line search; bisection alone would need 47 for [`STEP_TOLERANCE`].
-const LINE_SEARCH_LIMIT: usize = 60;
 
 /// Flows of the last record of `progress`.
 pub(crate) fn solve(
@@ -33,6 +28,7 @@ pub(crate) fn solve(
     let mut link_flows = vec![0.0; links];
     let mut link_costs = vec![0.0; links];
     let mut all_or_nothing = vec![0.0; links];
+    let mut direction = vec![0.0; links];
     let mut history = History::new(algorithm);
 
     problem.update_costs(&link_flows, &mut link_costs);
@@ -45,24 +41,25 @@ pub(crate) fn solve(
             return Ok(link_flows);
         }
         let mut target = history.target(problem, &link_flows, &all_or_nothing);
-        if !descends(&link_flows, &link_costs, &target) {
+        head_for(&mut direction, &link_flows, &target);
+        if dot(&direction, &link_costs) >= 0.0 {
             history.forget();
             target.copy_from_slice(&all_or_nothing);
+            head_for(&mut direction, &link_flows, &target);
         }
-        let step = line_search(problem, &link_flows, &target);
-        for (flow, &towards) in link_flows.iter_mut().zip(&target) {
-            *flow += step * (towards - *flow);
+        let step = exact_step(&problem.delays, &link_flows, &direction, 1.0);
+        for (flow, change) in link_flows.iter_mut().zip(&direction) {
+            *flow += step * change;
         }
         history.remember(target, step);
     }
 }
 
-/// Whether costs fall at the start of the way from `link_flows` to `target`.
-fn descends(link_flows: &[f64], link_costs: &[f64], target: &[f64]) -> bool {
-    let ways = link_flows.iter().zip(target).zip(link_costs);
-    ways.map(|((&flow, &towards), &cost)| cost * (towards - flow))
-        .sum::<f64>()
-        < 0.0
+/// The way from `link_flows` to `target`.
+fn head_for(direction: &mut [f64], link_flows: &[f64], target: &[f64]) {
+    for ((change, flow), towards) in direction.iter_mut().zip(link_flows).zip(target) {
+        *change = towards - flow;
+    }
 }
 
 /// The previous targets, as many as the algorithm wants to be conjugate to.
@@ -170,46 +167,4 @@ fn conjugate_target(
     let alpha = share(numerator / denominator).min(LARGEST_CONJUGATE_SHARE);
     let flows = all_or_nothing.iter().zip(last);
     flows.map(|(y, s)| alpha * s + (1.0 - alpha) * y).collect()
-}
-
-/// The step from 0 to 1 towards `target` at which the objective is least: the root of its derivative along the line,
-/// by Newton's method within a bracket.
-fn line_search(problem: &Problem<'_>, link_flows: &[f64], target: &[f64]) -> f64 {
-    let slope = |step: f64| {
-        let (mut first, mut second) = (0.0, 0.0);
-        for ((delay, &flow), &towards) in problem.delays.iter().zip(link_flows).zip(target) {
-            let direction = towards - flow;
-            if direction != 0.0 {
-                let (cost, derivative) = delay.cost_and_derivative((flow + step * direction).max(0.0));
-                first += direction * cost;
-                second += direction * direction * derivative;
-            }
-        }
-        (first, second)
-    };
-    if slope(1.0).0 <= 0.0 {
-        return 1.0;
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    let mut step = 0.0;
-    for _ in 0..LINE_SEARCH_LIMIT {
-        let (first, second) = slope(step);
-        if first > 0.0 {
-            high = step;
-        } else {
-            low = step;
-        }
-        let newton = step - first / second;
-        let next = if newton > low && newton < high {
-            newton
-        } else {
-            0.5 * (low + high)
-        };
-        let correction = next - step;
-        step = next;
-        if correction.abs() < STEP_TOLERANCE || high - low < STEP_TOLERANCE {
-            break;
-        }
-    }
-    step
 }

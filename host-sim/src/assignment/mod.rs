@@ -19,12 +19,13 @@
 //!
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
-//! * [`shortest_path`], [`all_or_nothing`]: what every algorithm stands on.
-//! * [`frank_wolfe`]: link flows only, sensible to a gap of about 1e-4; [`path_based`]: linear convergence to 1e-12.
-//! * [`check`]: judges any link flows on its own, sharing no code with the solvers.
+//! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
+//! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
+//!   1e-12, its Newton steps in `path_shift`.
+//! * [`check`]: judges any link flows, by other means than the solvers use.
 //!
 //! # Determinism
-//! Equal input gives equal bytes at any thread count: origins are split into blocks of a fixed size, and block results
+//! Equal input gives equal bytes at any thread count: origins are split into blocks by their number alone, and block results
 //! are added in block order. Only [`IterationRecord::seconds`] is a clock reading.
 
 mod all_or_nothing;
@@ -32,8 +33,11 @@ pub mod check;
 pub mod demand;
 mod frank_wolfe;
 pub mod grid;
+mod heap;
+mod line_search;
 pub mod network;
 mod path_based;
+mod path_shift;
 mod problem;
 pub mod shortest_path;
 pub mod tntp;

@@ -145,6 +145,8 @@ pub struct Network {
     weights: CostWeights,
     links: Vec<Link>,
     volume_delays: Vec<VolumeDelay>,
+    /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
+    init_nodes: Vec<u32>,
     /// Where each node's row of `outgoing` begins, and at last where the final row ends.
     first_outgoing: Vec<u32>,
     outgoing: Vec<OutgoingLink>,
@@ -187,6 +189,7 @@ impl Network {
         Ok(Self {
             numbering,
             weights,
+            init_nodes: links.iter().map(|link| link.init_node - 1).collect(),
             links,
             volume_delays,
             first_outgoing,
@@ -259,7 +262,7 @@ impl Network {
     /// Index from 0 of the node that a link leaves.
     #[inline]
     pub(crate) fn init_node(&self, link: u32) -> u32 {
-        self.links[link as usize].init_node - 1
+        self.init_nodes[link as usize]
     }
 
     /// Index from 0 of the first node that trips may pass through.

@@ -8,6 +8,8 @@
 
 use super::all_or_nothing::unreachable_pair;
 use super::demand::OriginDemand;
+use super::line_search::exact_step;
+use super::path_shift::{LinkState, Pair, Path, Shift, path_cost};
 use super::problem::{Problem, Progress, dot, relative_gap};
 use super::shortest_path::ShortestPathTree;
 use crate::error::Result;
@@ -16,39 +18,30 @@ use crate::error::Result;
 const PATH_COST_TOLERANCE: f64 = 1e-14;
 
 /// Most sweeps over all pairs between two searches for new paths (chosen: a sweep costs about a third of a search).
-const SWEEPS_PER_ITERATION: usize = 12;
+const SWEEPS_PER_ITERATION: usize = 20;
 
 /// Sweeps end when the largest excess cost has fallen to this share of the first sweep's (chosen).
-const SWEEP_REDUCTION: f64 = 0.005;
+const SWEEP_REDUCTION: f64 = 0.001;
 
-/// A shift that turns the difference of two path costs around by more than this share of it was too long.
-const OVERSHOOT: f64 = 0.5;
+/// Every so many sweeps the last one is extrapolated (chosen).
+const EXTRAPOLATION_INTERVAL: usize = 5;
 
-/// Most corrections of one shift.
-const SHIFT_LIMIT: usize = 30;
+/// Longest extrapolation, in sweeps (chosen).
+const LARGEST_EXTRAPOLATION: f64 = 1e4;
 
-/// A path with less than this share of its pair's demand is emptied: no gap in double precision sees it.
-const NEGLIGIBLE_SHARE: f64 = 1e-16;
+/// Where no pair changes by more than this share of its demand, long steps would magnify rounding: sweeps finish the work
+/// (chosen: of 1e-8 to 1e-12 it needs the fewest iterations on random networks).
+const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
 
-/// The gap is at the limit of double precision when it has not improved for this many iterations.
+/// Double precision gives no more when neither gap nor objective have improved for this many iterations.
 const STALLED_ITERATIONS: usize = 30;
-
-/// One way from an origin to a destination.
-struct Path {
-    /// The last link first.
-    links: Box<[u32]>,
-    flow: f64,
-}
-
-/// The paths of one origin-destination pair that carry flow.
-type PairPaths = Vec<Path>;
 
 /// Flows of the last record of `progress`.
 pub(crate) fn solve(problem: &Problem<'_>, progress: &mut Progress<'_>) -> Result<Vec<f64>> {
     let mut state = LinkState::new(problem);
     let mut blocks = initial_loading(problem, &mut state)?;
     loop {
-        state.sum_paths(&blocks);
+        state.sum_paths(blocks.iter().flat_map(|block| block.pairs.iter().flatten()));
         problem.for_each(&mut blocks, |block| {
             block.add_cheaper_paths(problem, &state.costs)
         });
@@ -66,7 +59,7 @@ pub(crate) fn solve(problem: &Problem<'_>, progress: &mut Progress<'_>) -> Resul
 struct Block<'a> {
     origins: &'a [OriginDemand],
     /// Per origin, per destination.
-    paths: Vec<Vec<PairPaths>>,
+    pairs: Vec<Vec<Pair>>,
     tree: ShortestPathTree,
     shortest_path_cost: f64,
 }
@@ -78,7 +71,7 @@ fn initial_loading<'a>(problem: &Problem<'a>, state: &mut LinkState<'_>) -> Resu
     for origins in problem.origin_blocks() {
         let mut block = Block {
             origins,
-            paths: Vec::with_capacity(origins.len()),
+            pairs: Vec::with_capacity(origins.len()),
             tree: ShortestPathTree::new(problem.network),
             shortest_path_cost: 0.0,
         };
@@ -93,12 +86,16 @@ fn initial_loading<'a>(problem: &Problem<'a>, state: &mut LinkState<'_>) -> Resu
                 for &link in &links {
                     state.flows[link as usize] += volume;
                 }
-                pairs.push(vec![Path {
-                    links: links.as_slice().into(),
-                    flow: volume,
-                }]);
+                pairs.push(Pair {
+                    demand: volume,
+                    paths: vec![Path {
+                        links: links.as_slice().into(),
+                        flow: volume,
+                        flow_before: volume,
+                    }],
+                });
             }
-            block.paths.push(pairs);
+            block.pairs.push(pairs);
             state.update();
         }
         blocks.push(block);
@@ -112,12 +109,13 @@ impl Block<'_> {
     fn add_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         let mut links = Vec::new();
         self.shortest_path_cost = 0.0;
-        for (from, pairs) in self.origins.iter().zip(&mut self.paths) {
+        for (from, pairs) in self.origins.iter().zip(&mut self.pairs) {
             self.tree.search(problem.network, link_costs, from.origin);
-            for (&(destination, volume), paths) in from.destinations.iter().zip(pairs) {
+            for (&(destination, volume), pair) in from.destinations.iter().zip(pairs) {
                 let cost = self.tree.cost_to(destination);
                 self.shortest_path_cost += volume * cost;
-                let known = paths
+                let known = pair
+                    .paths
                     .iter()
                     .map(|path| path_cost(&path.links, link_costs))
                     .fold(f64::INFINITY, f64::min);
@@ -127,9 +125,10 @@ impl Block<'_> {
                 self.tree.trace(problem.network, destination, &mut links);
                 // Summed in the order of the known paths, a path that is known already is not cheaper.
                 if path_cost(&links, link_costs) < known {
-                    paths.push(Path {
+                    pair.paths.push(Path {
                         links: links.as_slice().into(),
                         flow: 0.0,
+                        flow_before: 0.0,
                     });
                 }
             }
@@ -137,220 +136,84 @@ impl Block<'_> {
     }
 }
 
-/// Cost of a path.
-fn path_cost(links: &[u32], link_costs: &[f64]) -> f64 {
-    links.iter().map(|&link| link_costs[link as usize]).sum()
-}
-
 /// Sweeps over all pairs until their excess costs have fallen well below those at the start, then drops empty paths.
 fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
     let mut shift = Shift::new(state.flows.len());
     let mut first_excess = 0.0;
-    for sweep in 0..SWEEPS_PER_ITERATION {
+    for sweep in 1..=SWEEPS_PER_ITERATION {
+        let extrapolated = sweep % EXTRAPOLATION_INTERVAL == 0 && sweep < SWEEPS_PER_ITERATION;
         let mut largest_excess = 0.0_f64;
-        for paths in blocks
-            .iter_mut()
-            .flat_map(|block| block.paths.iter_mut().flatten())
-        {
-            if paths.len() > 1 {
-                largest_excess = largest_excess.max(shift.towards_cheapest(paths, state));
+        for pair in pairs_with_choice(blocks) {
+            if extrapolated {
+                pair.paths
+                    .iter_mut()
+                    .for_each(|path| path.flow_before = path.flow);
             }
+            largest_excess = largest_excess.max(shift.towards_cheapest(pair, state));
         }
-        if sweep == 0 {
+        if sweep == 1 {
             first_excess = largest_excess;
         }
         if largest_excess <= SWEEP_REDUCTION * first_excess {
             break;
         }
+        // Never at the end: the next sweep evens out what a long step magnifies.
+        if extrapolated {
+            extrapolate(blocks, state);
+        }
     }
-    for paths in blocks
+    for pair in pairs_with_choice(blocks) {
+        pair.settle();
+        pair.paths.retain(|path| path.flow > 0.0);
+    }
+}
+
+/// The pairs that know more than one path.
+fn pairs_with_choice<'b>(blocks: &'b mut [Block<'_>]) -> impl Iterator<Item = &'b mut Pair> {
+    let pairs = blocks
         .iter_mut()
-        .flat_map(|block| block.paths.iter_mut().flatten())
-    {
-        if paths.len() > 1 {
-            paths.retain(|path| path.flow > 0.0);
-        }
-    }
+        .flat_map(|block| block.pairs.iter_mut().flatten());
+    pairs.filter(|pair| pair.paths.len() > 1)
 }
 
-/// Flows with the costs and derivatives that belong to them.
-struct LinkState<'a> {
-    problem: &'a Problem<'a>,
-    flows: Vec<f64>,
-    costs: Vec<f64>,
-    derivatives: Vec<f64>,
-}
-
-impl<'a> LinkState<'a> {
-    fn new(problem: &'a Problem<'a>) -> Self {
-        let links = problem.links();
-        let mut state = Self {
-            problem,
-            flows: vec![0.0; links],
-            costs: vec![0.0; links],
-            derivatives: vec![0.0; links],
-        };
-        state.update();
-        state
-    }
-
-    /// Costs and derivatives of the present flows.
-    fn update(&mut self) {
-        for (link, delay) in self.problem.delays.iter().enumerate() {
-            (self.costs[link], self.derivatives[link]) = delay.cost_and_derivative(self.flows[link]);
-        }
-    }
-
-    /// Link flows as the sum of all path flows.
-    fn sum_paths(&mut self, blocks: &[Block<'_>]) {
-        self.flows.fill(0.0);
-        for path in blocks
-            .iter()
-            .flat_map(|block| block.paths.iter().flatten().flatten())
-        {
-            for &link in &path.links {
-                self.flows[link as usize] += path.flow;
-            }
-        }
-        self.update();
-    }
-
-    /// Adds `change` to the flow of some links; returns the sum of their costs then.
-    fn add(&mut self, links: &[u32], change: f64) -> f64 {
-        let mut cost = 0.0;
-        for &link in links {
-            let link = link as usize;
-            let flow = (self.flows[link] + change).max(0.0);
-            self.flows[link] = flow;
-            let delay = &self.problem.delays[link];
-            if delay.is_congestible() {
-                (self.costs[link], self.derivatives[link]) = delay.cost_and_derivative(flow);
-            }
-            cost += self.costs[link];
-        }
-        cost
-    }
-}
-
-/// Moves flow between two paths of a pair, on the links that they do not share.
-struct Shift {
-    /// Per link, whether the cheapest path uses it: it does where the stamp is the present one.
-    stamps: Vec<u64>,
-    stamp: u64,
-    costs: Vec<f64>,
-    /// Links of the dearer path only.
-    leaving: Vec<u32>,
-    /// Links of the cheapest path only.
-    joining: Vec<u32>,
-}
-
-impl Shift {
-    fn new(links: usize) -> Self {
-        Self {
-            stamps: vec![0; links],
-            stamp: 0,
-            costs: Vec::new(),
-            leaving: Vec::new(),
-            joining: Vec::new(),
-        }
-    }
-
-    /// Shifts flow from every path of a pair towards the one that is cheapest at the start. Returns by how much the
-    /// dearest path in use exceeded it then.
-    fn towards_cheapest(&mut self, paths: &mut [Path], state: &mut LinkState<'_>) -> f64 {
-        let (mut cheapest, mut least, mut most) = (0, f64::INFINITY, 0.0);
-        self.costs.clear();
-        for (index, path) in paths.iter().enumerate() {
-            let cost = path_cost(&path.links, &state.costs);
-            self.costs.push(cost);
-            if cost < least {
-                (cheapest, least) = (index, cost);
-            }
-            if path.flow > 0.0 && cost > most {
-                most = cost;
-            }
-        }
-        if most <= least {
-            return 0.0;
-        }
-        let demand: f64 = paths.iter().map(|path| path.flow).sum();
-        self.stamp += 2;
-        for &link in &paths[cheapest].links {
-            self.stamps[link as usize] = self.stamp;
-        }
-        for index in 0..paths.len() {
-            if index == cheapest || paths[index].flow == 0.0 {
+/// Goes on in the direction of the last sweep as long as the objective falls and no path runs empty.
+///
+/// Sweeps creep where pairs block each other, as when one may leave a steep link only as fast as another joins it; their
+/// changes then all but repeat, and many are worth one long step.
+fn extrapolate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
+    let mut direction = vec![0.0; state.flows.len()];
+    let mut largest_step = LARGEST_EXTRAPOLATION;
+    let mut largest_change = 0.0_f64;
+    for pair in pairs_with_choice(blocks) {
+        for path in &pair.paths {
+            let change = path.flow - path.flow_before;
+            if change == 0.0 {
                 continue;
             }
-            let moved = self.between(&paths[index], &paths[cheapest], state);
-            paths[index].flow -= moved;
-            paths[cheapest].flow += moved;
-            if paths[index].flow < NEGLIGIBLE_SHARE * demand {
-                let rest = std::mem::take(&mut paths[index].flow);
-                paths[cheapest].flow += rest;
+            if change < 0.0 {
+                largest_step = largest_step.min(path.flow / -change);
+            }
+            largest_change = largest_change.max(change.abs() / pair.demand);
+            for &link in &path.links {
+                direction[link as usize] += change;
             }
         }
-        most - least
     }
-
-    /// Moves flow between two paths so that their costs come together: a Newton step, taken back towards the start where
-    /// it overshoots, as it can where a volume-delay function bends sharply. Returns the flow moved from `dearer`;
-    /// negative if earlier shifts of the pair made it the cheaper one.
-    fn between(&mut self, dearer: &Path, cheapest: &Path, state: &mut LinkState<'_>) -> f64 {
-        let (difference, slope) = self.compare(dearer, cheapest, state);
-        if difference == 0.0 {
-            return 0.0;
-        }
-        let newton = difference / slope;
-        let full = if difference > 0.0 {
-            dearer.flow
-        } else {
-            -cheapest.flow
-        };
-        // No congestion, or an infinite derivative at flow 0: try the whole flow.
-        let usable = newton.is_finite() && newton != 0.0 && newton.abs() < full.abs();
-        let mut moved = if usable { newton } else { full };
-        let mut after = state.add(&self.leaving, -moved) - state.add(&self.joining, moved);
-        for _ in 0..SHIFT_LIMIT {
-            if -after / difference <= OVERSHOOT {
-                break;
-            }
-            // The secant's root lies at less than two thirds of the way.
-            let shorter = moved * (difference / (difference - after)).max(0.1);
-            let back = moved - shorter;
-            after = state.add(&self.leaving, back) - state.add(&self.joining, -back);
-            moved = shorter;
-        }
-        moved
+    if largest_change < SMALLEST_EXTRAPOLATED_CHANGE {
+        return;
     }
-
-    /// Splits off the links that the two paths do not share. Returns the difference of the path costs, and by how much
-    /// each vehicle that is moved diminishes it.
-    fn compare(&mut self, dearer: &Path, cheapest: &Path, state: &LinkState<'_>) -> (f64, f64) {
-        let (in_cheapest, in_both) = (self.stamp, self.stamp + 1);
-        let (mut difference, mut slope) = (0.0, 0.0);
-        self.leaving.clear();
-        self.joining.clear();
-        for &link in &dearer.links {
-            let index = link as usize;
-            if self.stamps[index] == in_cheapest {
-                self.stamps[index] = in_both;
-            } else {
-                self.leaving.push(link);
-                difference += state.costs[index];
-                slope += state.derivatives[index];
-            }
-        }
-        for &link in &cheapest.links {
-            let index = link as usize;
-            if self.stamps[index] == in_both {
-                self.stamps[index] = in_cheapest;
-            } else {
-                self.joining.push(link);
-                difference -= state.costs[index];
-                slope += state.derivatives[index];
-            }
-        }
-        (difference, slope)
+    let step = exact_step(&state.problem.delays, &state.flows, &direction, largest_step);
+    if step <= 0.0 {
+        return;
     }
+    for pair in pairs_with_choice(blocks) {
+        for path in &mut pair.paths {
+            path.flow = (path.flow + step * (path.flow - path.flow_before)).max(0.0);
+        }
+        pair.settle();
+    }
+    for (flow, change) in state.flows.iter_mut().zip(&direction) {
+        *flow = (*flow + step * change).max(0.0);
+    }
+    state.update();
 }

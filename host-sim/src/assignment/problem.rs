@@ -6,8 +6,14 @@ use crate::error::{Error, Result};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Origins per block. Fixed, because the order of additions must not depend on the number of threads.
-const ORIGINS_PER_BLOCK: usize = 16;
+/// Fewest origins per block (chosen: less work than this is not worth a thread).
+const FEWEST_ORIGINS_PER_BLOCK: usize = 16;
+
+/// Most blocks, because each has buffers of the size of the network (chosen).
+const MOST_BLOCKS: usize = 32;
+
+/// Objectives that differ by less than this share are equal but for rounding.
+const OBJECTIVE_RESOLUTION: f64 = 1e-14;
 
 /// A network, a demand and the costs that the objective makes drivers balance.
 pub(crate) struct Problem<'a> {
@@ -58,7 +64,8 @@ impl<'a> Problem<'a> {
 
     /// The blocks of origins that are worked on at once.
     pub(crate) fn origin_blocks(&self) -> impl Iterator<Item = &'a [OriginDemand]> + use<'a> {
-        self.demand.origins().chunks(ORIGINS_PER_BLOCK)
+        let origins = self.demand.origins();
+        origins.chunks(origins_per_block(origins.len()))
     }
 
     /// Cost that drivers balance, of every link.
@@ -86,9 +93,14 @@ impl<'a> Problem<'a> {
     }
 }
 
+/// Depends on the problem alone: the order of additions must not change with the number of threads.
+fn origins_per_block(origins: usize) -> usize {
+    origins.div_ceil(MOST_BLOCKS).max(FEWEST_ORIGINS_PER_BLOCK)
+}
+
 /// Threads for as many blocks as there are; none where one thread does it all.
 fn thread_pool(threads: usize, origins: usize) -> Result<Option<rayon::ThreadPool>> {
-    let blocks = origins.div_ceil(ORIGINS_PER_BLOCK);
+    let blocks = origins.div_ceil(origins_per_block(origins));
     let wanted = match threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         some => some,
@@ -151,19 +163,20 @@ impl<'a> Progress<'a> {
         relative_gap <= self.gap || record.iteration >= self.max_iterations
     }
 
-    /// Whether the gap has not fallen below its best for `iterations` iterations: floating point gives no more.
+    /// Whether neither the gap nor the objective have fallen below their best for `iterations` iterations. The gap alone
+    /// says little: it goes up and down while the objective creeps towards its minimum.
     pub(crate) fn stalls_for(&self, iterations: usize) -> bool {
-        let Some(split) = self.records.len().checked_sub(iterations + 1) else {
+        let Some(before) = self.records.len().checked_sub(iterations) else {
             return false;
         };
-        let best = |records: &[IterationRecord]| {
-            records
-                .iter()
-                .map(|record| record.relative_gap)
-                .fold(f64::INFINITY, f64::min)
+        let (before, recent) = self.records.split_at(before);
+        let best = |records: &[IterationRecord], value: fn(&IterationRecord) -> f64| {
+            records.iter().map(value).fold(f64::INFINITY, f64::min)
         };
-        let (before, recent) = self.records.split_at(split + 1);
-        best(recent) >= best(before)
+        let gap = |record: &IterationRecord| record.relative_gap;
+        let objective = |record: &IterationRecord| record.objective;
+        best(recent, gap) >= best(before, gap)
+            && best(recent, objective) >= best(before, objective) * (1.0 - OBJECTIVE_RESOLUTION)
     }
 
     /// The finished solution: `link_flows` are those of the last record.

@@ -241,8 +241,8 @@ impl<'a> Metadata<'a> {
         let Some((_, value, line)) = self.entries.iter().find(|(known, ..)| *known == key) else {
             return Err(Error::input(
                 self.name,
-                "metadata without it",
-                format!("<{key}> number"),
+                format!("no <{key}>"),
+                "it among the metadata",
             ));
         };
         let place = format!("{}:{line}", self.name);

@@ -21,7 +21,7 @@ const PROGRESS_DELAY: Duration = Duration::from_millis(500);
 /// Rows of the table of the convergence (chosen: it fits a screen).
 const CONVERGENCE_ROWS: usize = 12;
 
-/// Options of `host-sim assign`.
+/// Assign demand to a road network: user equilibrium or system optimum.
 #[derive(Debug, Clone, clap::Args)]
 pub struct AssignArguments {
     /// TNTP network file, or `grid` for the urban grid of 4x4 intersections
