@@ -39,9 +39,9 @@ pub struct AssignArguments {
     /// ue: user equilibrium; so: system optimum
     #[arg(long, value_enum, default_value = "ue")]
     pub objective: Objective,
-    /// Relative gap (TSTT - SPTT) / TSTT to stop at
-    #[arg(long, default_value_t = 1e-6, allow_negative_numbers = true)]
-    pub gap: f64,
+    /// Relative gap (TSTT - SPTT) / TSTT to stop at [default: 1e-10 with path, 1e-4 with the others]
+    #[arg(long, allow_negative_numbers = true)]
+    pub gap: Option<f64>,
     /// Iterations to stop at even if the gap is larger
     #[arg(long, default_value_t = 10_000)]
     pub max_iterations: usize,
@@ -65,6 +65,17 @@ pub struct AssignArguments {
     pub json: bool,
 }
 
+impl AssignArguments {
+    /// The gap to stop at: what each kind of method reaches without effort.
+    fn gap(&self) -> f64 {
+        self.gap.unwrap_or(if self.algorithm == Algorithm::PathBased {
+            1e-10
+        } else {
+            1e-4
+        })
+    }
+}
+
 /// Solves or judges, and reports.
 ///
 /// # Errors
@@ -81,7 +92,7 @@ pub fn run(arguments: &AssignArguments) -> Result<()> {
 }
 
 fn check_options(arguments: &AssignArguments) -> Result<()> {
-    check_not_negative("--gap", arguments.gap)?;
+    check_not_negative("--gap", arguments.gap())?;
     check_not_negative("--toll-weight", arguments.toll_weight)?;
     check_not_negative("--distance-weight", arguments.distance_weight)?;
     if arguments.check.is_some() && arguments.flows.is_some() {
@@ -123,7 +134,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     let options = Options {
         algorithm: arguments.algorithm,
         objective: arguments.objective,
-        gap: arguments.gap,
+        gap: arguments.gap(),
         max_iterations: arguments.max_iterations,
         threads: arguments.threads,
     };
@@ -145,7 +156,9 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     if !solution.converged {
         eprintln!(
             "not converged: relative gap {:.3e} after {} iterations, {:e} was asked for",
-            solution.relative_gap, solution.iterations, arguments.gap
+            solution.relative_gap,
+            solution.iterations,
+            arguments.gap()
         );
     }
     let seconds_total = start.elapsed().as_secs_f64();
@@ -228,7 +241,7 @@ fn evaluation_json(
         "objective": evaluation.objective,
         "total_travel_time": evaluation.total_travel_time,
         "iterations": 0,
-        "converged": evaluation.relative_gap <= arguments.gap && evaluation.conserves_demand,
+        "converged": evaluation.relative_gap <= arguments.gap() && evaluation.conserves_demand,
         "conserves_demand": evaluation.conserves_demand,
         "largest_imbalance": evaluation.largest_imbalance,
         "worst_node": evaluation.worst_node,
