@@ -8,6 +8,7 @@ use crate::assignment::{
 };
 use crate::error::{Error, Result};
 use crate::report::files::write_whole;
+use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -163,7 +164,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     }
     let seconds_total = start.elapsed().as_secs_f64();
     if arguments.json {
-        println!(
+        say!(
             "{}",
             solution_json(network, demand, &solution, seconds, seconds_total)
         );
@@ -171,7 +172,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         print_problem(network, demand);
         print_solution(&solution, seconds, seconds_total);
         if let Some(path) = &arguments.flows {
-            println!("link flows           {}", path.display());
+            say!("link flows           {}", path.display());
         }
     }
     Ok(())
@@ -196,7 +197,7 @@ fn judge(
         );
     }
     if arguments.json {
-        println!(
+        say!(
             "{}",
             evaluation_json(arguments, &evaluation, seconds, seconds_total)
         );
@@ -252,16 +253,16 @@ fn evaluation_json(
 
 fn print_problem(network: &Network, demand: &Demand) {
     let numbering = network.numbering();
-    println!("nodes, zones         {}, {}", numbering.nodes, numbering.zones);
-    println!("links                {}", network.links().len());
-    println!("pairs with demand    {}", demand.pairs());
-    println!("vehicles             {}", demand.total());
-    println!("  within zones       {} (not assigned)", demand.intrazonal());
+    say!("nodes, zones         {}, {}", numbering.nodes, numbering.zones);
+    say!("links                {}", network.links().len());
+    say!("pairs with demand    {}", demand.pairs());
+    say!("vehicles             {}", demand.total());
+    say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
 fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
-    println!();
-    println!("iteration   relative gap             objective    seconds");
+    say!("");
+    say!("iteration   relative gap             objective    seconds");
     // All, or evenly spaced ones: always the first and the last.
     let last = solution.convergence.len().saturating_sub(1);
     let rows = last.clamp(1, CONVERGENCE_ROWS - 1);
@@ -271,34 +272,38 @@ fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
         if let Some(record) = solution.convergence.get(index)
             && shown.replace(index) != Some(index)
         {
-            println!(
+            say!(
                 "{:>9}   {:>12.4e}   {:>19.8}   {:>8.3}",
-                record.iteration, record.relative_gap, record.objective, record.seconds
+                record.iteration,
+                record.relative_gap,
+                record.objective,
+                record.seconds
             );
         }
     }
-    println!();
-    println!(
+    say!("");
+    say!(
         "converged            {}",
         if solution.converged { "yes" } else { "NO" }
     );
-    println!("relative gap         {:.4e}", solution.relative_gap);
-    println!("objective            {}", solution.objective);
-    println!("total travel time    {}", solution.total_travel_time);
-    println!("iterations           {}", solution.iterations);
-    println!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
+    say!("relative gap         {:.4e}", solution.relative_gap);
+    say!("objective            {}", solution.objective);
+    say!("total travel time    {}", solution.total_travel_time);
+    say!("iterations           {}", solution.iterations);
+    say!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
 }
 
 fn print_evaluation(evaluation: &Evaluation) {
-    println!();
-    println!("relative gap         {:.4e}", evaluation.relative_gap);
-    println!("objective            {}", evaluation.objective);
-    println!("total travel time    {}", evaluation.total_travel_time);
-    println!(
+    say!("");
+    say!("relative gap         {:.4e}", evaluation.relative_gap);
+    say!("objective            {}", evaluation.objective);
+    say!("total travel time    {}", evaluation.total_travel_time);
+    say!(
         "largest imbalance    {:.4e} vehicles at node {}",
-        evaluation.largest_imbalance, evaluation.worst_node
+        evaluation.largest_imbalance,
+        evaluation.worst_node
     );
-    println!(
+    say!(
         "carries the demand   {}",
         if evaluation.conserves_demand { "yes" } else { "NO" }
     );

@@ -3,6 +3,7 @@
 use crate::command::options::ScenarioArguments;
 use crate::error::Result;
 use crate::report::{files::write_whole, traffic};
+use crate::say;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -36,9 +37,9 @@ pub fn run(arguments: &FigureArguments) -> Result<()> {
         files.push(path.display().to_string());
     }
     if arguments.json {
-        println!("{}", json!({ "files": files }));
+        say!("{}", json!({ "files": files }));
     } else {
-        println!("Written: {}.", files.join(", "));
+        say!("Written: {}.", files.join(", "));
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
 use crate::report::{ages, files::write_whole, traffic};
+use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
 use crate::traffic::{TrafficModel, TrafficSummary};
@@ -278,14 +279,14 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let results = thread_pool(arguments.threads)?.install(|| prepared.results(arguments.json))?;
     let object = prepared.to_json(&results);
     if arguments.json {
-        println!("{object}");
+        say!("{object}");
         return Ok(());
     }
     let (description, bound_ms) = (prepared.description(), prepared.simulation().bound_age_ms());
-    println!("{}", ages::table(&results, &description, bound_ms));
+    let mut tables = ages::table(&results, &description, bound_ms);
     let mut files = ages::files(&results, &description, bound_ms)?;
     if results.iter().any(|result| result.traffic.is_some()) {
-        println!("{}", traffic::table(&results, &prepared.scenario));
+        tables += &format!("\n{}", traffic::table(&results, &prepared.scenario));
         files.push(traffic::csv(&results));
         files.extend(traffic::paper_figures(&prepared.scenario)?);
     }
@@ -294,6 +295,10 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         write_whole(&arguments.out.join(name), contents.as_bytes())?;
     }
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
-    println!("Written to {}: {}.", arguments.out.display(), names.join(", "));
+    say!(
+        "{tables}\nWritten to {}: {}.",
+        arguments.out.display(),
+        names.join(", ")
+    );
     Ok(())
 }

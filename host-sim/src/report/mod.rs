@@ -5,5 +5,6 @@ pub mod cell;
 pub mod chart;
 pub mod csv;
 pub mod files;
+pub mod output;
 pub mod text_table;
 pub mod traffic;

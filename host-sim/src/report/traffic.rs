@@ -51,10 +51,8 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
     table.note(
         "Uniform: every road has the policy's mean age, as in the paper's figures; no route changes then.",
     );
-    table.note(
-        "Per road: the age of the freshest vehicle on it at the end of each world, 100 ms where none drives;",
-    );
-    table.note("regret is what planning on stale capacities costs a trip against planning on the true ones.");
+    table.note("Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives, which");
+    table.note("for every policy is most roads. If informed: routes planned on the true capacities, not on the stale ones.");
     table.to_string()
 }
 

@@ -10,6 +10,7 @@ use host_sim::command::options::{parse_table, progress_bar, thread_pool};
 use host_sim::error::{Error, Result};
 use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
+use host_sim::say;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
 use serde_json::json;
@@ -148,9 +149,9 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     });
     RunFolder::new(&arguments.out).write(&made.distilled.network, &made.bytes, &report)?;
     if arguments.json {
-        println!("{report}");
+        say!("{report}");
     } else {
-        println!(
+        say!(
             "Distilled the AoI clock in {seconds:.1} s: {} bytes, cross entropy {:.5}.\n\
              On {} held-out worlds x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.\n\
              Written to {}.",

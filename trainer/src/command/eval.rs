@@ -9,6 +9,7 @@ use host_sim::command::run::RunArguments;
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
 use host_sim::report::ages;
+use host_sim::say;
 use host_sim::simulation::Simulation;
 use serde_json::json;
 use std::path::PathBuf;
@@ -71,7 +72,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let results = pool.install(|| prepared.results(options.json))?;
     let mut object = prepared.to_json(&results);
     if !options.json {
-        println!(
+        say!(
             "{}",
             ages::table(
                 &results,
@@ -87,7 +88,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         object["age_lost_ms"] = json!(age_lost_ms);
         object["agreement"] = json!(comparison.agreement);
         if !options.json {
-            println!(
+            say!(
                 "Float network: {:.3} ms; int8 loses {age_lost_ms:.3} ms; {:.3} % of decisions agree.",
                 comparison.float_age_ms,
                 100.0 * comparison.agreement
@@ -95,7 +96,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         }
     }
     if options.json {
-        println!("{object}");
+        say!("{object}");
     }
     Ok(())
 }

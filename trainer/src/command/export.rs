@@ -9,6 +9,7 @@ use firmware::table::Table;
 use host_sim::command::options::{parse_table, table_bytes, thread_pool};
 use host_sim::error::{Error, Result};
 use host_sim::report::files::write_whole;
+use host_sim::say;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -115,9 +116,9 @@ fn report(json: bool, table: &Table<'_>, message: &str) {
             "source_modified": provenance.modified,
             "table_bytes": table.bytes().len(),
         });
-        println!("{object}");
+        say!("{object}");
     } else {
-        println!(
+        say!(
             "{message} {} bytes, seed {}, source revision {revision}.",
             table.bytes().len(),
             provenance.seed
