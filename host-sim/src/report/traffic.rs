@@ -1,6 +1,7 @@
 //! What ages do to the road: the table, the data, and the paper's two path-planning figures.
 
 use super::ages::{NamedText, long_csv};
+use super::cell::Cell;
 use super::chart::{Axis, LineChart, Point, Reference, Series};
 use super::csv::Csv;
 use super::text_table::{Column, TextTable};
@@ -27,21 +28,8 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
         Column::number("if informed", "per road, s", 2),
     ];
     let mut table = TextTable::new("What the age does to traffic", columns);
-    for PolicyResult {
-        name, ages, traffic, ..
-    } in results
-    {
-        if let Some(traffic) = traffic {
-            table.row([
-                (*name).into(),
-                ages.mean_ms.into(),
-                traffic.uniform.mean_volume_over_capacity.into(),
-                traffic.uniform.mean_link_time.into(),
-                traffic.stale.mean_volume_over_capacity.into(),
-                traffic.stale.mean_trip_time.into(),
-                traffic.informed.mean_trip_time.into(),
-            ]);
-        }
+    for (result, traffic) in with_traffic(results) {
+        table.row(cells(result, traffic));
     }
     let error = scenario.traffic.max_capacity_error_veh_per_h;
     table.note(&format!(
@@ -54,6 +42,25 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
     table.note("Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives, which");
     table.note("for every policy is most roads. If informed: routes planned on the true capacities, not on the stale ones.");
     table.to_string()
+}
+
+fn with_traffic(results: &[PolicyResult]) -> impl Iterator<Item = (&PolicyResult, &TrafficSummary)> {
+    results
+        .iter()
+        .filter_map(|result| Some((result, result.traffic.as_ref()?)))
+}
+
+/// A policy's row: name, mean age, then volume over capacity and times with uniform and with per-road ages.
+fn cells(result: &PolicyResult, traffic: &TrafficSummary) -> [Cell; 7] {
+    [
+        result.name.into(),
+        result.ages.mean_ms.into(),
+        traffic.uniform.mean_volume_over_capacity.into(),
+        traffic.uniform.mean_link_time.into(),
+        traffic.stale.mean_volume_over_capacity.into(),
+        traffic.stale.mean_trip_time.into(),
+        traffic.informed.mean_trip_time.into(),
+    ]
 }
 
 /// The table as data.
@@ -69,23 +76,23 @@ pub fn csv(results: &[PolicyResult]) -> NamedText {
         "regret_s_per_trip",
         "regret_ci95_s_per_trip",
     ]);
-    for PolicyResult {
-        name, ages, traffic, ..
-    } in results
-    {
-        if let Some(traffic) = traffic {
-            csv.row([
-                (*name).into(),
-                ages.mean_ms.into(),
-                traffic.uniform.mean_volume_over_capacity.into(),
-                traffic.uniform.mean_link_time.into(),
-                traffic.stale.mean_volume_over_capacity.into(),
-                traffic.stale.mean_trip_time.into(),
-                traffic.informed.mean_trip_time.into(),
-                traffic.regret_s_per_trip.into(),
-                traffic.regret_ci95_s_per_trip.into(),
-            ]);
-        }
+    for (result, traffic) in with_traffic(results) {
+        let [name, age, uniform_ratio, uniform_time, ratio, time, informed] = cells(result, traffic);
+        let (regret, interval) = (
+            traffic.regret_s_per_trip.into(),
+            traffic.regret_ci95_s_per_trip.into(),
+        );
+        csv.row([
+            name,
+            age,
+            uniform_ratio,
+            uniform_time,
+            ratio,
+            time,
+            informed,
+            regret,
+            interval,
+        ]);
     }
     ("traffic.csv".to_owned(), csv.into_text())
 }
