@@ -89,7 +89,8 @@ impl WorldAges {
         }
     }
 
-    fn mean(&self) -> Option<f64> {
+    /// Mean over vehicles and slots after warm-up.
+    pub fn mean(&self) -> Option<f64> {
         let mut total = Mean::default();
         self.by_vehicle.iter().for_each(|mean| total.merge(mean));
         total.value()

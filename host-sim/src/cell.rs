@@ -93,6 +93,11 @@ impl<'s> Cell<'s> {
         self.last_received[vehicle] = (age < Age::MAX).then(|| self.slot - u32::from(age.slots()));
     }
 
+    /// What happened in the slot before.
+    pub fn outcome(&self) -> &SlotOutcome {
+        &self.outcome
+    }
+
     /// The scenario.
     pub fn scenario(&self) -> &'s Scenario {
         self.scenario

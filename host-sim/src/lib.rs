@@ -11,6 +11,7 @@ pub mod base_station;
 pub mod capacity;
 pub mod cell;
 pub mod channel;
+pub mod closed_loop;
 pub mod command;
 pub mod error;
 pub mod mobility;

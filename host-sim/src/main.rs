@@ -18,6 +18,8 @@ struct CommandLine {
 enum Command {
     /// Ages of all policies on the same worlds, and what they do to travel times (the default)
     Run(command::run::RunArguments),
+    /// The closed loop from slot to street: vehicles report incidents, the base station plans routes on what it heard
+    Loop(command::run::RunArguments),
     /// User equilibrium or system optimum of a road network
     Assign(command::assign::AssignArguments),
     /// The paper's path-planning figures with their data
@@ -32,6 +34,7 @@ fn main() -> ExitCode {
     let outcome = match line.command {
         None => command::run::run(&line.run),
         Some(Command::Run(arguments)) => command::run::run(&arguments),
+        Some(Command::Loop(arguments)) => command::closed_loop::run(&arguments),
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
     };

@@ -67,7 +67,7 @@ impl Simulation<'_> {
                 let mut policy = build(&key);
                 let mobility = Mobility::new(self.source, self.scenario, &key);
                 let mut cell = Cell::new(self.scenario, mobility, &key);
-                let ages = run_world(&mut cell, policy.as_mut(), &self.extent);
+                let ages = run_world(&mut cell, policy.as_mut(), &self.extent, |_| ());
                 (ages, at_end(&cell))
             })
             .unzip();
@@ -113,8 +113,13 @@ impl Simulation<'_> {
     }
 }
 
-/// Runs one world.
-fn run_world(cell: &mut Cell<'_>, policy: &mut dyn Policy, extent: &Extent) -> WorldAges {
+/// Runs one world; `after_slot` looks at its cell after each slot.
+pub fn run_world(
+    cell: &mut Cell<'_>,
+    policy: &mut dyn Policy,
+    extent: &Extent,
+    mut after_slot: impl FnMut(&Cell<'_>),
+) -> WorldAges {
     let mut ages = WorldAges::new(extent.warmup, cell.vehicles());
     let mut decisions = vec![Decision::Silent; cell.vehicles()];
     for slot in 0..extent.slots_per_world() {
@@ -126,6 +131,7 @@ fn run_world(cell: &mut Cell<'_>, policy: &mut dyn Policy, extent: &Extent) -> W
             cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle))),
             successes,
         );
+        after_slot(cell);
     }
     ages
 }

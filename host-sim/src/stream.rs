@@ -26,6 +26,8 @@ pub enum Role {
     Policy = 3,
     /// Back-off of the units, one member a vehicle.
     BackOff = 4,
+    /// When capacity is lost, one member a block.
+    Incidents = 5,
 }
 
 /// One world of a run.

@@ -6,7 +6,7 @@ use crate::assignment::{Demand, Network, Options};
 use crate::capacity::{CapacityError, Planner, TrafficState};
 use crate::cell::Cell;
 use crate::error::Result;
-use crate::mobility::{Heading, Mobility};
+use crate::mobility::{Heading, Mobility, Place};
 use crate::scenario::Scenario;
 use firmware::units::Age;
 use rayon::prelude::*;
@@ -68,11 +68,51 @@ impl TrafficModel {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::MAX.slots()),
             },
+            // One thread: the worlds already keep all cores busy.
             options: Options {
                 gap: RELATIVE_GAP,
+                threads: 1,
                 ..Options::default()
             },
         })
+    }
+
+    /// The roads' network.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// The demand for trips.
+    pub fn demand(&self) -> &Demand {
+        &self.demand
+    }
+
+    /// How equilibria are found.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The road that a vehicle at this place drives on.
+    pub fn road(&self, heading: Heading, place: &Place) -> Option<usize> {
+        let (axis, direction) = match heading {
+            Heading::North => (Axis::Y, Direction::Forward),
+            Heading::South => (Axis::Y, Direction::Backward),
+            Heading::East => (Axis::X, Direction::Forward),
+            Heading::West => (Axis::X, Direction::Backward),
+        };
+        let (columns, rows) = (
+            place.x_m / self.grid.block_length_x,
+            place.y_m / self.grid.block_length_y,
+        );
+        let (street, block) = if axis == Axis::X {
+            (rows, columns)
+        } else {
+            (columns, rows)
+        };
+        // A vehicle at the very end of the last block is still on it.
+        let block = (block as u32).min(self.grid.blocks(axis) - 1);
+        self.grid
+            .road_index(axis, street.round() as u32, block, direction)
     }
 
     /// What the base station knows of each road: the age of the freshest vehicle that drives on it, the largest age if
@@ -82,31 +122,9 @@ impl TrafficModel {
             return None;
         };
         let mut ages = vec![self.error.max_age; self.grid.roads()];
-        for &(vehicle, place) in cell.places() {
-            let heading = vehicles.heading(vehicle);
-            let (axis, direction) = match heading {
-                Heading::North => (Axis::Y, Direction::Forward),
-                Heading::South => (Axis::Y, Direction::Backward),
-                Heading::East => (Axis::X, Direction::Forward),
-                Heading::West => (Axis::X, Direction::Backward),
-            };
-            let (street, block) = match axis {
-                Axis::X => (
-                    place.y_m / self.grid.block_length_y,
-                    place.x_m / self.grid.block_length_x,
-                ),
-                Axis::Y => (
-                    place.x_m / self.grid.block_length_x,
-                    place.y_m / self.grid.block_length_y,
-                ),
-            };
-            // A vehicle at the very end of the last block is still on it.
-            let block = (block as u32).min(self.grid.blocks(axis) - 1);
-            if let Some(road) = self
-                .grid
-                .road_index(axis, street.round() as u32, block, direction)
-            {
-                ages[road] = ages[road].min(f64::from(cell.age(vehicle).slots()));
+        for (vehicle, place) in cell.places() {
+            if let Some(road) = self.road(vehicles.heading(*vehicle), place) {
+                ages[road] = ages[road].min(f64::from(cell.age(*vehicle).slots()));
             }
         }
         Some(ages)

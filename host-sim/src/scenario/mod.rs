@@ -23,6 +23,7 @@ pub struct Scenario {
     pub broadcast: BroadcastScenario,
     pub baselines: BaselineScenario,
     pub traffic: TrafficScenario,
+    pub planning: PlanningScenario,
 }
 
 /// Who is in the cell and where its antenna stands.
@@ -117,6 +118,17 @@ pub struct TrafficScenario {
     pub max_capacity_error_veh_per_h: f64,
 }
 
+/// How often routes are planned, and what happens on the road meanwhile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs, reason = "the presets document every key")]
+pub struct PlanningScenario {
+    pub period_slots: u32,
+    pub incident_interval_s: f64,
+    pub incident_duration_s: f64,
+    pub incident_capacity_loss: f64,
+}
+
 impl RadioScenario {
     /// Signal-to-interference-and-noise ratio from which a transmission carries C_min: 2^(C_min/W) - 1 (paper eq. 2).
     pub fn required_sinr(&self) -> f64 {
@@ -152,6 +164,7 @@ impl Scenario {
             broadcast,
             baselines,
             traffic,
+            planning,
         } = self;
         let finite = [
             ("cell.base_station_x_m", cell.base_station_x_m),
@@ -200,6 +213,8 @@ impl Scenario {
             ("traffic.free_flow_time_x_s", traffic.free_flow_time_x_s),
             ("traffic.free_flow_time_y_s", traffic.free_flow_time_y_s),
             ("traffic.capacity_veh_per_h", traffic.capacity_veh_per_h),
+            ("planning.incident_interval_s", planning.incident_interval_s),
+            ("planning.incident_duration_s", planning.incident_duration_s),
         ];
         for (key, value) in positive {
             within(key, value, f64::MIN_POSITIVE, 1e6, "a finite number above 0")?;
@@ -242,6 +257,14 @@ impl Scenario {
             traffic.capacity_veh_per_h.next_down(),
             "from 0 to less than traffic.capacity_veh_per_h",
         )?;
+        within(
+            "planning.incident_capacity_loss",
+            planning.incident_capacity_loss,
+            0.0,
+            0.99,
+            "a fraction from 0 to 0.99",
+        )?;
+        integer_within("planning.period_slots", planning.period_slots, 1, 100_000_000)?;
         integer_within("cell.vehicles", cell.vehicles, 1, 10_000)?;
         integer_within(
             "radio.sub_channels",

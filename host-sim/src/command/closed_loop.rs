@@ -1,0 +1,216 @@
+//! `host-sim loop`: from slot to street and back, for every policy on the same worlds and incidents.
+
+use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
+use crate::command::options::{progress_bar, thread_pool};
+use crate::command::run::{PreparedRun, RunArguments};
+use crate::error::Result;
+use crate::report::ages::{NamedText, long_csv};
+use crate::report::cell::Cell;
+use crate::report::chart::{Axis, LineChart, Point, Series};
+use crate::report::csv::Csv;
+use crate::report::files::write_whole;
+use crate::report::text_table::{Column, TextTable};
+use crate::say;
+use serde_json::{Value, json};
+
+/// Worlds unless said: plans cost more than slots.
+const WORLDS: u32 = 64;
+
+/// Runs and reports.
+///
+/// # Errors
+/// The first input that does not fit; nothing is written then.
+pub fn run(arguments: &RunArguments) -> Result<()> {
+    let prepared = RunArguments {
+        worlds: Some(arguments.worlds.unwrap_or(WORLDS)),
+        ..arguments.clone()
+    }
+    .prepare()?;
+    let template = "closed loop {bar:40} {pos}/{len} worlds, {eta} left";
+    let progress = progress_bar(u64::from(prepared.extent.worlds), template, arguments.json);
+    let table = prepared.table()?;
+    let summary = thread_pool(arguments.threads)?.install(|| {
+        closed_loop(&prepared.simulation(), &prepared.policies, &table, || {
+            progress.inc(1)
+        })
+    })?;
+    progress.finish_and_clear();
+    let object = to_json(&prepared, &summary);
+    if arguments.json {
+        say!("{object}");
+        return Ok(());
+    }
+    let files = files(&prepared, &summary, &object)?;
+    for (name, contents) in &files {
+        write_whole(&arguments.out.join(name), contents.as_bytes())?;
+    }
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    say!(
+        "{}\nWritten to {}: {}.",
+        text(&prepared, &summary),
+        arguments.out.display(),
+        names.join(", ")
+    );
+    Ok(())
+}
+
+fn name(result: &LoopResult) -> &'static str {
+    result.policy.map_or("full-knowledge", |policy| policy.name())
+}
+
+/// Full knowledge has no age.
+fn mean_age(result: &LoopResult) -> Option<f64> {
+    result.ages.as_ref().map(|ages| ages.mean_ms)
+}
+
+/// A policy's row: name, mean age, then the means over plans, the regret's interval last.
+fn cells(result: &LoopResult) -> [Cell; 8] {
+    let Plan {
+        road_age_ms,
+        capacity_error_veh_per_h,
+        v_over_c,
+        trip_time_s,
+        regret_s_per_trip,
+    } = result.mean;
+    [
+        name(result).into(),
+        mean_age(result).into(),
+        road_age_ms.into(),
+        capacity_error_veh_per_h.into(),
+        v_over_c.into(),
+        trip_time_s.into(),
+        regret_s_per_trip.into(),
+        result.regret_ci95_s_per_trip.into(),
+    ]
+}
+
+fn text(prepared: &PreparedRun, summary: &LoopSummary) -> String {
+    let columns = [
+        Column::text("policy"),
+        Column::number("mean age", "ms", 2),
+        Column::number("road age", "ms", 0),
+        Column::number("capacity error", "veh/h", 3),
+        Column::number("V/C", "", 3),
+        Column::number("trip time", "s", 3),
+        Column::number("regret", "s/trip", 3),
+        Column::number("+-95 %", "s/trip", 3),
+    ];
+    let mut table = TextTable::new("From slot to street", columns);
+    summary.results.iter().for_each(|result| table.row(cells(result)));
+    let planning = &prepared.scenario.planning;
+    table.note(&format!(
+        "{}; {} plans a world.",
+        prepared.description(),
+        summary.plan_slots.len()
+    ));
+    table.note(&format!(
+        "On each block an incident takes {:.0} % of the capacity for {} s on average, {} s after the last one.",
+        100.0 * planning.incident_capacity_loss,
+        planning.incident_duration_s,
+        planning.incident_interval_s,
+    ));
+    table.note("Road age: since the last report of a block; blocks without a vehicle stay unreported under every policy.");
+    if let Some((cost, interval)) = summary.cost_s_per_trip_and_ms {
+        let interval = interval
+            .map(|half| format!(" +- {:.3}", 1000.0 * half))
+            .unwrap_or_default();
+        table.note(&format!(
+            "Each ms of mean age costs a trip {:.3}{interval} ms (95 %, over worlds).",
+            1000.0 * cost
+        ));
+    }
+    table.to_string()
+}
+
+fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {
+    let policies: Vec<Value> = summary
+        .results
+        .iter()
+        .map(|result| {
+            json!({
+                "policy": name(result),
+                "mean_age_ms": mean_age(result),
+                "mean_age_ci95_ms": result.ages.as_ref().and_then(|ages| ages.ci95_ms),
+                "road_age_ms": result.mean.road_age_ms,
+                "capacity_error_veh_per_h": result.mean.capacity_error_veh_per_h,
+                "mean_v_over_c": result.mean.v_over_c,
+                "mean_travel_time_s": result.mean.trip_time_s,
+                "regret_s_per_trip": result.mean.regret_s_per_trip,
+                "regret_ci95_s_per_trip": result.regret_ci95_s_per_trip,
+            })
+        })
+        .collect();
+    json!({
+        "seed": prepared.extent.seed,
+        "worlds": prepared.extent.worlds,
+        "slots": prepared.extent.slots,
+        "warmup": prepared.extent.warmup,
+        "plans": summary.plan_slots.len(),
+        "cost_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.map(|(cost, _)| cost),
+        "cost_ci95_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.and_then(|(_, interval)| interval),
+        "scenario": prepared.scenario,
+        "policies": policies,
+    })
+}
+
+fn files(prepared: &PreparedRun, summary: &LoopSummary, object: &Value) -> Result<Vec<NamedText>> {
+    let mut csv = Csv::new([
+        "policy",
+        "mean_age_ms",
+        "road_age_ms",
+        "capacity_error_veh_per_h",
+        "mean_v_over_c",
+        "mean_travel_time_s",
+        "regret_s_per_trip",
+        "regret_ci95_s_per_trip",
+    ]);
+    summary.results.iter().for_each(|result| csv.row(cells(result)));
+    let over_time = |value: fn(&Plan) -> f64| -> Vec<Series> {
+        let of = |result: &LoopResult| Series {
+            name: name(result).to_owned(),
+            points: summary
+                .plan_slots
+                .iter()
+                .zip(&result.over_time)
+                .map(|(&slot, plan)| Point {
+                    x: f64::from(slot),
+                    y: value(plan),
+                    band: None,
+                })
+                .collect(),
+        };
+        summary.results.iter().map(of).collect()
+    };
+    let figure = |title: &str, quantity: &str, series: Vec<Series>| LineChart {
+        title: title.to_owned(),
+        note: format!("{}. Means over worlds.", prepared.description()),
+        horizontal: Axis::linear("slot (ms)"),
+        vertical: Axis::linear(quantity),
+        series,
+        references: Vec::new(),
+    };
+    let regret = figure(
+        "What planning on stale knowledge costs",
+        "regret (s per trip)",
+        over_time(|plan| plan.regret_s_per_trip),
+    );
+    let error = figure(
+        "How wrong the base station's capacities are",
+        "capacity error (veh/h)",
+        over_time(|plan| plan.capacity_error_veh_per_h),
+    );
+    Ok(vec![
+        ("loop.csv".to_owned(), csv.into_text()),
+        ("loop_regret.svg".to_owned(), regret.to_svg()?),
+        (
+            "loop_regret.csv".to_owned(),
+            long_csv(["policy", "slot", "regret_s_per_trip"], &regret.series),
+        ),
+        ("loop_capacity_error.svg".to_owned(), error.to_svg()?),
+        (
+            "loop_capacity_error.csv".to_owned(),
+            long_csv(["policy", "slot", "capacity_error_veh_per_h"], &error.series),
+        ),
+        ("loop.json".to_owned(), format!("{object:#}\n")),
+    ])
+}
