@@ -46,6 +46,9 @@ pub struct LoopResult {
     pub mean: Plan,
     /// Half the width of the 95 % interval of the mean regret over worlds.
     pub regret_ci95_s_per_trip: Option<f64>,
+    /// Regret beyond that of the policy with the least mean age, on the same worlds: mean and half width of its 95 %
+    /// interval. Most regret is common to all policies, so this is what tells them apart. `None` for full knowledge.
+    pub beyond_freshest_s_per_trip: Option<(f64, Option<f64>)>,
     /// Means over worlds, plan by plan.
     pub over_time: Vec<Plan>,
 }
@@ -319,46 +322,66 @@ fn mean_plan<'p>(plans: impl Iterator<Item = &'p Plan> + Clone) -> Plan {
 }
 
 fn summary(policies: &[PolicyName], plan_slots: Vec<u32>, worlds: &[WorldLoop]) -> LoopSummary {
-    let result = |policy: Option<PolicyName>, ages: Option<AgeSummary>, plans: Vec<&[Plan]>| {
-        let world_means: Vec<f64> = plans
+    let over_time = |plans: &[&[Plan]]| -> Vec<Plan> {
+        (0..plan_slots.len())
+            .map(|n| mean_plan(plans.iter().map(|plans| &plans[n])))
+            .collect()
+    };
+    let ages = |index: usize| {
+        let ages: Vec<WorldAges> = worlds
+            .iter()
+            .map(|world| world.policies[index].0.clone())
+            .collect();
+        AgeSummary::new(&ages)
+    };
+    let regrets = |plans: &[&[Plan]]| -> Vec<f64> {
+        plans
             .iter()
             .map(|plans| mean_plan(plans.iter()).regret_s_per_trip)
-            .collect();
-        let (_, regret_ci95_s_per_trip) = AgeSummary::mean_and_interval(&world_means);
-        LoopResult {
-            policy,
-            ages,
-            mean: mean_plan(plans.iter().copied().flatten()),
-            regret_ci95_s_per_trip,
-            over_time: (0..plan_slots.len())
-                .map(|n| mean_plan(plans.iter().map(|plans| &plans[n])))
-                .collect(),
-        }
+            .collect()
     };
-    let mut results: Vec<LoopResult> = policies
-        .iter()
-        .enumerate()
-        .map(|(index, &policy)| {
-            let ages: Vec<WorldAges> = worlds
-                .iter()
-                .map(|world| world.policies[index].0.clone())
-                .collect();
-            let plans = worlds
-                .iter()
-                .map(|world| world.policies[index].1.as_slice())
-                .collect();
-            result(Some(policy), AgeSummary::new(&ages), plans)
-        })
-        .collect();
-    let slopes: Vec<f64> = worlds.iter().filter_map(slope).collect();
-    results.push(result(
-        None,
-        None,
-        worlds
+    let mut results: Vec<LoopResult> = Vec::new();
+    let mut by_world: Vec<Vec<f64>> = Vec::new();
+    for (index, &policy) in policies.iter().enumerate() {
+        let plans: Vec<&[Plan]> = worlds
             .iter()
-            .map(|world| world.full_knowledge.as_slice())
-            .collect(),
-    ));
+            .map(|world| world.policies[index].1.as_slice())
+            .collect();
+        by_world.push(regrets(&plans));
+        results.push(LoopResult {
+            policy: Some(policy),
+            ages: ages(index),
+            mean: mean_plan(plans.iter().copied().flatten()),
+            regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&by_world[index]).1,
+            beyond_freshest_s_per_trip: None,
+            over_time: over_time(&plans),
+        });
+    }
+    let age = |result: &LoopResult| result.ages.as_ref().map_or(f64::INFINITY, |ages| ages.mean_ms);
+    let freshest = (0..results.len()).min_by(|&a, &b| age(&results[a]).total_cmp(&age(&results[b])));
+    if let Some(freshest) = freshest {
+        for (result, regrets) in results.iter_mut().zip(&by_world) {
+            let beyond: Vec<f64> = regrets
+                .iter()
+                .zip(&by_world[freshest])
+                .map(|(own, least)| own - least)
+                .collect();
+            result.beyond_freshest_s_per_trip = Some(AgeSummary::mean_and_interval(&beyond));
+        }
+    }
+    let plans: Vec<&[Plan]> = worlds
+        .iter()
+        .map(|world| world.full_knowledge.as_slice())
+        .collect();
+    results.push(LoopResult {
+        policy: None,
+        ages: None,
+        mean: mean_plan(plans.iter().copied().flatten()),
+        regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&regrets(&plans)).1,
+        beyond_freshest_s_per_trip: None,
+        over_time: over_time(&plans),
+    });
+    let slopes: Vec<f64> = worlds.iter().filter_map(slope).collect();
     LoopSummary {
         plan_slots,
         results,
