@@ -91,7 +91,13 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
         seed: shipped.provenance().seed,
         ..Default::default()
     };
-    let made = trainer::command::distil::distil_table(&recipe, *shipped.provenance(), true).unwrap();
+    let made = trainer::command::distil::distil_table(
+        &trainer::command::distil::shipped_scenario().unwrap(),
+        &recipe,
+        *shipped.provenance(),
+        true,
+    )
+    .unwrap();
     assert!(
         made.bytes == firmware::tables::DISTILLED,
         "the shipped table is not what its seed gives"

@@ -229,9 +229,13 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
         u64::from(vehicles % sub_channels),
     );
     let (vehicles, sub_channels) = (u64::from(vehicles), u64::from(sub_channels));
-    // An interval of L slots adds 1 + 2 + ... + L.
-    let triangle = |length: u64| length * (length + 1) / 2;
-    let sum = longer * triangle(short + 1) + (sub_channels - longer) * triangle(short);
+    // An interval of L slots adds 1 + 2 + ... + L, where every term saturates at the largest age.
+    let limit = u64::from(Age::MAX.slots());
+    let interval = |length: u64| {
+        let growing = length.min(limit);
+        growing * (growing + 1) / 2 + (length - growing) * limit
+    };
+    let sum = longer * interval(short + 1) + (sub_channels - longer) * interval(short);
     sum as f64 / vehicles as f64
 }
 
@@ -245,6 +249,8 @@ mod tests {
         assert_eq!(ideal_age_ms(3, 3), 1.0);
         assert_eq!(ideal_age_ms(5, 3), 1.4);
         assert_eq!(ideal_age_ms(6, 1), 3.5);
+        // Saturated: 100 - 4950 N / V.
+        assert_eq!(ideal_age_ms(400, 3), 62.875);
     }
 
     #[test]

@@ -85,7 +85,7 @@ impl<'s> Cell<'s> {
 
     /// A vehicle's age of information at the beginning of the slot.
     pub fn age(&self, vehicle: usize) -> Age {
-        self.last_received[vehicle].map_or(Age::MAX, |slot| Age::after(self.slot - slot))
+        age_at(self.slot, self.last_received[vehicle])
     }
 
     /// Sets a vehicle's age before its first decision, for training from many starts.
@@ -173,12 +173,9 @@ impl<'s> Cell<'s> {
         }
         self.channel.fade(&self.present);
         let (last_received, slot) = (&self.last_received, self.slot);
-        let age = |vehicle: usize| {
-            last_received[vehicle]
-                .map_or(Age::MAX, |last| Age::after(slot - last))
-                .slots()
-        };
-        self.base_station.prepare(&self.present, age);
+        self.base_station.prepare(&self.present, |vehicle| {
+            age_at(slot, last_received[vehicle]).slots()
+        });
     }
 
     /// Compares the present vehicles with the new places; both are ascending.
@@ -199,6 +196,11 @@ impl<'s> Cell<'s> {
         self.present
             .extend(self.places.iter().map(|&(vehicle, _)| vehicle));
     }
+}
+
+/// The age in a slot when the vehicle was last received in another.
+fn age_at(slot: u32, last_received: Option<u32>) -> Age {
+    last_received.map_or(Age::MAX, |last| Age::after(slot - last))
 }
 
 /// dB as a unit's [`Level`]: rounded down, and bounded by the receiver's range of -128 to +127.996 dB.

@@ -7,7 +7,12 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum Error {
     /// Input that does not make sense.
-    #[error("{place}: found {found}, expected {expected}")]
+    #[error(
+        "{}: found {}, expected {}",
+        one_line(place),
+        one_line(found),
+        one_line(expected)
+    )]
     Input {
         /// File and line, or the name of a key or option.
         place: String,
@@ -17,7 +22,7 @@ pub enum Error {
         expected: String,
     },
     /// A file that cannot be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", one_line(&path.display().to_string()))]
     File {
         /// Which.
         path: PathBuf,
@@ -43,6 +48,19 @@ impl Error {
             source,
         }
     }
+}
+
+/// Text without line breaks or other control characters but tabs, so that an error stays one line.
+fn one_line(text: &str) -> String {
+    let mut line = String::new();
+    for character in text.chars() {
+        if character.is_control() && character != '\t' {
+            line.extend(character.escape_default());
+        } else {
+            line.push(character);
+        }
+    }
+    line
 }
 
 /// A result with this crate's [`Error`].

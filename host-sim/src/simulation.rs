@@ -102,9 +102,13 @@ impl Simulation<'_> {
                 let update = self.scenario.radio.slow_update_slots;
                 for slot in (0..self.extent.slots_per_world()).step_by(update as usize) {
                     let vehicles = cursor.advance_to(slot).count() as u32;
-                    if slot >= self.extent.warmup && vehicles > 0 {
-                        sum += f64::from(vehicles) * ideal_age_ms(vehicles, sub_channels);
-                        count += f64::from(vehicles);
+                    // The slots of this update that count.
+                    let end = slot.saturating_add(update).min(self.extent.slots_per_world());
+                    let vehicle_slots =
+                        f64::from(vehicles) * f64::from(end.saturating_sub(slot.max(self.extent.warmup)));
+                    if vehicle_slots > 0.0 {
+                        sum += vehicle_slots * ideal_age_ms(vehicles, sub_channels);
+                        count += vehicle_slots;
                     }
                 }
                 if count > 0.0 { sum / count } else { f64::NAN }

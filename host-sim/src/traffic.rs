@@ -1,8 +1,7 @@
 //! What the ages of a cell do to the road: capacity error, user equilibrium, volume over capacity, travel time.
 
-use crate::age::AgeSummary;
 use crate::assignment::grid::{Axis, Direction, Grid};
-use crate::assignment::{Demand, Network, Options};
+use crate::assignment::{Demand, Network, Options, assign};
 use crate::capacity::{CapacityError, Planner, TrafficState};
 use crate::cell::Cell;
 use crate::error::Result;
@@ -32,10 +31,6 @@ pub struct TrafficSummary {
     pub stale: TrafficState,
     /// The same roads, planned with what is true. Means over worlds.
     pub informed: TrafficState,
-    /// Mean over worlds of the time that ignorance costs a trip, in s.
-    pub regret_s_per_trip: f64,
-    /// Half the width of its 95 % interval over worlds.
-    pub regret_ci95_s_per_trip: Option<f64>,
 }
 
 /// Age of what the base station knows of each road in one world, in ms.
@@ -135,12 +130,15 @@ impl TrafficModel {
     /// # Errors
     /// If the equilibrium cannot be found.
     pub fn uniform(&self, ages_ms: &[f64]) -> Result<Vec<TrafficState>> {
-        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
-        let roads = self.grid.roads();
-        ages_ms
-            .iter()
-            .map(|&age| Ok(planner.staleness(&vec![age; roads], &self.error)?.stale))
-            .collect()
+        let planned = assign(&self.network, &self.demand, &self.options)?.link_flows;
+        let believed: Vec<f64> = self.network.links().iter().map(|link| link.capacity).collect();
+        let state = |&age: &f64| {
+            let truth = self
+                .network
+                .with_capacities(&self.error.uniform(&believed, age)?)?;
+            Ok(TrafficState::of(&truth, &self.demand, &planned))
+        };
+        ages_ms.iter().map(state).collect()
     }
 
     /// Plans with every world's road ages, and with the policy's mean age on every road.
@@ -149,20 +147,14 @@ impl TrafficModel {
     /// If an equilibrium cannot be found.
     pub fn summary(&self, mean_age_ms: f64, worlds: &[RoadAges]) -> Result<TrafficSummary> {
         let planner = Planner::new(&self.network, &self.demand, &self.options)?;
-        let roads = self.grid.roads();
-        let uniform = planner.staleness(&vec![mean_age_ms; roads], &self.error)?.stale;
         let outcomes = worlds
             .par_iter()
             .map(|ages| planner.staleness(ages, &self.error))
             .collect::<Result<Vec<_>>>()?;
-        let regrets: Vec<f64> = outcomes.iter().map(|outcome| outcome.regret_per_trip).collect();
-        let (regret_s_per_trip, regret_ci95_s_per_trip) = AgeSummary::mean_and_interval(&regrets);
         Ok(TrafficSummary {
-            uniform,
+            uniform: mean_state(self.uniform(&[mean_age_ms])?.into_iter()),
             stale: mean_state(outcomes.iter().map(|outcome| outcome.stale)),
             informed: mean_state(outcomes.iter().map(|outcome| outcome.informed)),
-            regret_s_per_trip,
-            regret_ci95_s_per_trip,
         })
     }
 }

@@ -3,7 +3,7 @@
 use crate::scenario::Scenario;
 
 /// Loss in dB from a vehicle at this place to the base station: `intercept + slope log10(d / km)`, with d in three
-/// dimensions between the antennas, and 21 log10(f / 2 GHz) for other carriers.
+/// dimensions between the antennas and at least 1 m, and 21 log10(f / 2 GHz) for other carriers.
 pub fn path_loss_db(scenario: &Scenario, x_m: f64, y_m: f64) -> f64 {
     let (cell, radio) = (&scenario.cell, &scenario.radio);
     let across = libm::hypot(x_m - cell.base_station_x_m, y_m - cell.base_station_y_m);

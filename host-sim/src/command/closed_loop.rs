@@ -2,13 +2,13 @@
 
 use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
 use crate::command::options::{progress_bar, thread_pool};
-use crate::command::run::{PreparedRun, RunArguments};
+use crate::command::run::{PreparedRun, RunArguments, RunOptions};
 use crate::error::Result;
-use crate::report::ages::{NamedText, long_csv};
+use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
 use crate::report::chart::{Axis, LineChart, Point, Series};
 use crate::report::csv::Csv;
-use crate::report::files::write_whole;
+use crate::report::files::{NamedText, check_folder, write_set};
 use crate::report::text_table::{Column, TextTable};
 use crate::say;
 use serde_json::{Value, json};
@@ -21,34 +21,36 @@ const WORLDS: u32 = 64;
 /// # Errors
 /// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let prepared = RunArguments {
-        worlds: Some(arguments.worlds.unwrap_or(WORLDS)),
-        ..arguments.clone()
+    let (options, out) = (&arguments.options, arguments.out());
+    let prepared = RunOptions {
+        worlds: Some(options.worlds.unwrap_or(WORLDS)),
+        ..options.clone()
     }
     .prepare()?;
+    if !options.json {
+        check_folder(out)?;
+    }
     let template = "closed loop {bar:40} {pos}/{len} worlds, {eta} left";
-    let progress = progress_bar(u64::from(prepared.extent.worlds), template, arguments.json);
+    let progress = progress_bar(u64::from(prepared.extent.worlds), template, options.json);
     let table = prepared.table()?;
-    let summary = thread_pool(arguments.threads)?.install(|| {
+    let summary = thread_pool(options.threads)?.install(|| {
         closed_loop(&prepared.simulation(), &prepared.policies, &table, || {
             progress.inc(1)
         })
     })?;
     progress.finish_and_clear();
     let object = to_json(&prepared, &summary);
-    if arguments.json {
+    if options.json {
         say!("{object}");
         return Ok(());
     }
     let files = files(&prepared, &summary, &object)?;
-    for (name, contents) in &files {
-        write_whole(&arguments.out.join(name), contents.as_bytes())?;
-    }
+    write_set(out, &files)?;
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     say!(
         "{}\nWritten to {}: {}.",
         text(&prepared, &summary),
-        arguments.out.display(),
+        out.display(),
         names.join(", ")
     );
     Ok(())

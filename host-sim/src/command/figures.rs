@@ -1,8 +1,8 @@
-//! `host-sim figures`: the paper's path-planning figures, with their data.
+//! `host-sim figures`: the paper's path-planning figures, with their data. They sweep delta m themselves.
 
 use crate::command::options::ScenarioArguments;
 use crate::error::Result;
-use crate::report::{files::write_whole, traffic};
+use crate::report::{files, traffic};
 use crate::say;
 use serde_json::json;
 use std::path::PathBuf;
@@ -30,12 +30,13 @@ pub struct FigureArguments {
 /// What is wrong with the scenario, or the file that cannot be written.
 pub fn run(arguments: &FigureArguments) -> Result<()> {
     let scenario = arguments.scenario.read([])?;
-    let mut files = Vec::new();
-    for (name, contents) in traffic::paper_figures(&scenario)? {
-        let path = arguments.out.join(name);
-        write_whole(&path, contents.as_bytes())?;
-        files.push(path.display().to_string());
-    }
+    files::check_folder(&arguments.out)?;
+    let set = traffic::paper_figures(&scenario)?;
+    files::write_set(&arguments.out, &set)?;
+    let files: Vec<String> = set
+        .iter()
+        .map(|(name, _)| arguments.out.join(name).display().to_string())
+        .collect();
     if arguments.json {
         say!("{}", json!({ "files": files }));
     } else {

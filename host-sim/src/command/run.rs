@@ -1,23 +1,41 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
-use crate::age::AgeSummary;
 use crate::command::options::{ScenarioArguments, parse_table, progress_bar, table_bytes, thread_pool};
 use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::report::{ages, files::write_whole, traffic};
+use crate::report::{PolicyResult, ages, files, traffic};
 use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
-use crate::traffic::{TrafficModel, TrafficSummary};
+use crate::traffic::TrafficModel;
 use firmware::table::Table;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Options of `run`.
+/// Options of `run` and `loop`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RunArguments {
+    /// What to simulate.
+    #[command(flatten)]
+    pub options: RunOptions,
+    /// Folder for figures and data [default: out]
+    #[arg(long, value_name = "DIR", conflicts_with = "json")]
+    pub out: Option<PathBuf>,
+}
+
+impl RunArguments {
+    /// The folder for figures and data.
+    pub fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new("out"))
+    }
+}
+
+/// What to simulate.
+#[derive(Clone, Debug, clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct RunOptions {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArguments,
@@ -39,7 +57,8 @@ pub struct RunArguments {
     /// Slots before them
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=100_000_000))]
     pub warmup: u32,
-    /// What moves the vehicles: the urban grid, or a file of SUMO floating-car data (.xml, .xml.gz)
+    /// What moves the vehicles: the urban grid, or a file of SUMO floating-car data (.xml, .xml.gz), in whose coordinates
+    /// the base station stands at cell.base_station_x_m and _y_m
     #[arg(long, value_name = "grid|FILE", default_value = "grid")]
     pub mobility: String,
     /// Seed of the worlds; any number is held out from training
@@ -48,9 +67,6 @@ pub struct RunArguments {
     /// Worker threads; results do not depend on them [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Folder for figures and data
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    pub out: PathBuf,
     /// Print one JSON object and nothing else; write no files
     #[arg(long)]
     pub json: bool,
@@ -72,19 +88,7 @@ pub struct PreparedRun {
     pub table_path: Option<PathBuf>,
 }
 
-/// One policy's result.
-pub struct PolicyResult {
-    /// Which.
-    pub name: &'static str,
-    /// Its ages.
-    pub ages: AgeSummary,
-    /// What they do to the road; `None` with a trace.
-    pub traffic: Option<TrafficSummary>,
-    /// Simulated slots (all worlds, warm-up included) per second of wall time.
-    pub slots_per_second: f64,
-}
-
-impl RunArguments {
+impl RunOptions {
     /// Reads and checks all input.
     ///
     /// # Errors
@@ -112,11 +116,12 @@ impl RunArguments {
             warmup: self.warmup,
         };
         source.check_slots(extent.slots_per_world())?;
+        source.check_places(&scenario)?;
         if extent.slots == 0 {
             return Err(Error::input(
                 "--warmup",
                 self.warmup,
-                "less than the length of the trace",
+                "less than the length of the trace in slots",
             ));
         }
         let table = table_bytes(self.table.as_deref())?;
@@ -153,7 +158,7 @@ impl PreparedRun {
     /// The actor's table.
     ///
     /// # Errors
-    /// As [`parse_table`]; never after [`RunArguments::prepare`].
+    /// As [`parse_table`]; never after [`RunOptions::prepare`].
     pub fn table(&self) -> Result<Table<'_>> {
         parse_table(self.table_path.as_deref(), &self.table)
     }
@@ -275,30 +280,28 @@ impl PreparedRun {
 /// # Errors
 /// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &RunArguments) -> Result<()> {
-    let prepared = arguments.prepare()?;
-    let results = thread_pool(arguments.threads)?.install(|| prepared.results(arguments.json))?;
+    let (options, out) = (&arguments.options, arguments.out());
+    let prepared = options.prepare()?;
+    if !options.json {
+        files::check_folder(out)?;
+    }
+    let results = thread_pool(options.threads)?.install(|| prepared.results(options.json))?;
     let object = prepared.to_json(&results);
-    if arguments.json {
+    if options.json {
         say!("{object}");
         return Ok(());
     }
     let (description, bound_ms) = (prepared.description(), prepared.simulation().bound_age_ms());
     let mut tables = ages::table(&results, &description, bound_ms);
-    let mut files = ages::files(&results, &description, bound_ms)?;
+    let mut set = ages::files(&results, &description, bound_ms)?;
     if results.iter().any(|result| result.traffic.is_some()) {
         tables += &format!("\n{}", traffic::table(&results, &prepared.scenario));
-        files.push(traffic::csv(&results));
-        files.extend(traffic::paper_figures(&prepared.scenario)?);
+        set.push(traffic::csv(&results));
+        set.extend(traffic::paper_figures(&prepared.scenario)?);
     }
-    files.push(("run.json".to_owned(), format!("{object:#}\n")));
-    for (name, contents) in &files {
-        write_whole(&arguments.out.join(name), contents.as_bytes())?;
-    }
-    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
-    say!(
-        "{tables}\nWritten to {}: {}.",
-        arguments.out.display(),
-        names.join(", ")
-    );
+    set.push(("run.json".to_owned(), format!("{object:#}\n")));
+    files::write_set(out, &set)?;
+    let names: Vec<&str> = set.iter().map(|(name, _)| name.as_str()).collect();
+    say!("{tables}\nWritten to {}: {}.", out.display(), names.join(", "));
     Ok(())
 }

@@ -10,7 +10,7 @@ use floating_car_data::{Cursor, Trace};
 use std::path::Path;
 pub use urban_grid::{Heading, UrbanGrid};
 
-/// A vehicle's place, in metres from the grid's south-west corner.
+/// A vehicle's place in metres, in the coordinates of the base station: from the grid's south-west corner, or as in the trace.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Place {
     /// Eastwards.
@@ -20,6 +20,9 @@ pub struct Place {
     /// Way driven since the last update, which decorrelates its shadowing.
     pub moved_m: f64,
 }
+
+/// Where no vehicle has a chance of being heard (chosen).
+const REACH_M: f64 = 10_000.0;
 
 /// What moves the vehicles of every world.
 #[derive(Debug)]
@@ -65,6 +68,32 @@ impl MobilitySource {
             Self::Grid => vehicle.to_string(),
             Self::Trace(trace) => trace.vehicle_ids()[vehicle].clone(),
         }
+    }
+
+    /// Checks that a trace passes the base station.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if no vehicle ever comes within [`REACH_M`]: the trace is then in other coordinates.
+    pub fn check_places(&self, scenario: &Scenario) -> Result<()> {
+        let Self::Trace(trace) = self else { return Ok(()) };
+        let (x_m, y_m) = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
+        let mut cursor = trace.cursor();
+        let mut nearest_m = f64::INFINITY;
+        for slot in (0..=trace.duration_slots()).step_by(scenario.radio.slow_update_slots as usize) {
+            for (_, position) in cursor.advance_to(slot) {
+                nearest_m = nearest_m.min(libm::hypot(position.x_m - x_m, position.y_m - y_m));
+            }
+        }
+        if nearest_m <= REACH_M {
+            return Ok(());
+        }
+        let expected =
+            format!("at most {REACH_M} m: set cell.base_station_x_m and _y_m in the trace's coordinates");
+        Err(Error::input(
+            "distance of the trace from the base station",
+            format!("{nearest_m:.0} m"),
+            expected,
+        ))
     }
 
     /// Checks that the source moves vehicles for this many slots.

@@ -7,7 +7,7 @@ use firmware::decision::Decision;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 
-/// One [`Unit`] a vehicle, switched on when the vehicle appears.
+/// One [`Unit`] a vehicle, switched on when the vehicle first appears; it stays on while the vehicle is away.
 pub struct FirmwareActor<'t> {
     table: &'t Table<'t>,
     key: WorldKey,

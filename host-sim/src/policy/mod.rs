@@ -84,14 +84,22 @@ impl PolicyName {
                     format!("at most {most}, which the table serves"),
                 ));
             }
-            let table_dbm: f64 = table.power_plan().max_power.value().to_num();
-            if table_dbm > scenario.radio.max_power_dbm {
-                let expected = format!("at least {table_dbm} dBm, the full power of the table");
-                return Err(Error::input(
-                    "radio.max_power_dbm",
-                    scenario.radio.max_power_dbm,
-                    expected,
-                ));
+            // Measured gains are relative to full power, and the joiner levels to the required SINR: a table lives in the
+            // scenario that it was made for.
+            let radio = &scenario.radio;
+            if table.power_plan().max_power != dbm(radio.max_power_dbm) {
+                let expected = format!("{} dBm as in the table", table.power_plan().max_power.value());
+                return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));
+            }
+            if table.required_sinr() != radio.required_level() {
+                let level = |level: Level| format!("a required SINR of {:.3} dB", level.to_num::<f64>());
+                let found = format!(
+                    "{} ({})",
+                    radio.min_spectral_efficiency,
+                    level(radio.required_level())
+                );
+                let expected = format!("{} as in the table", level(table.required_sinr()));
+                return Err(Error::input("radio.min_spectral_efficiency", found, expected));
             }
         }
         let most = SUB_CHANNELS * 100;

@@ -3,13 +3,11 @@
 use super::cell::Cell;
 use super::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use super::csv::Csv;
+use super::files::NamedText;
 use super::text_table::{Column, TextTable};
 use crate::age::AgeSummary;
-use crate::command::run::PolicyResult;
 use crate::error::Result;
-
-/// A file's name and contents.
-pub type NamedText = (String, String);
+use crate::report::PolicyResult;
 
 const INTERVALS: &str = "Intervals: 95 %, over worlds.";
 
@@ -20,7 +18,7 @@ pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> Stri
         Column::number("mean age", "ms", 3),
         Column::number("+-95 %", "ms", 3),
         Column::number("median world", "ms", 3),
-        Column::number("99 % below", "ms", 0),
+        Column::number("99 % within", "ms", 0),
         Column::number("first 100", "ms", 1),
         Column::number("successes", "1/slot", 3),
         Column::number("over bound", "x", 3),
@@ -75,7 +73,8 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         value: ages.mean_ms,
         interval: ages
             .ci95_ms
-            .map(|half| (ages.mean_ms - half, ages.mean_ms + half)),
+            // No age is below 1 ms, wherever the interval of a few worlds ends.
+            .map(|half| ((ages.mean_ms - half).max(1.0), ages.mean_ms + half)),
         emphasised: *name == "actor",
     });
     let mean_age = BarChart {

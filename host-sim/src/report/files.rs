@@ -1,14 +1,55 @@
 //! Output files appear whole or not at all.
 
 use crate::error::{Error, Result};
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
+use tempfile::NamedTempFile;
+
+/// A file's name and contents.
+pub type NamedText = (String, String);
+
+/// Checks, before long work, that files can be written to a folder, which is made if missing.
+///
+/// # Errors
+/// [`Error::File`] names the folder.
+pub fn check_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|source| Error::file(folder, source))?;
+    stage(&folder.join("probe"), &[])
+        .map(drop)
+        .map_err(|error| match error {
+            Error::File { source, .. } => Error::file(folder, source),
+            other => other,
+        })
+}
 
 /// Writes `contents` to `path`, through a temporary file beside it and a rename.
 ///
 /// # Errors
 /// [`Error::File`] names the path; nothing is left behind then.
 pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+    publish(stage(path, contents)?, path)
+}
+
+/// Writes a set of files to a folder: none is published before all are complete.
+///
+/// # Errors
+/// [`Error::File`] names the path that cannot be written.
+pub fn write_set(folder: &Path, files: &[NamedText]) -> Result<()> {
+    let mut staged = Vec::new();
+    for (name, contents) in files {
+        let path = folder.join(name);
+        if path.is_dir() {
+            return Err(Error::file(&path, ErrorKind::IsADirectory.into()));
+        }
+        staged.push((stage(&path, contents.as_bytes())?, path));
+    }
+    staged
+        .into_iter()
+        .try_for_each(|(file, path)| publish(file, &path))
+}
+
+/// A complete temporary file beside `path`; it vanishes unless it is published.
+fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -19,12 +60,17 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
     // A temporary file is private; what is published has the permissions that the user's umask gives.
     #[cfg(unix)]
     let _same = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    // Only the kind of failure: the temporary name means nothing to anybody.
     let mut file = builder
         .tempfile_in(folder)
-        .map_err(|source| Error::file(folder, source))?;
+        .map_err(|source| Error::file(folder, source.kind().into()))?;
     file.write_all(contents)
         .map_err(|source| Error::file(path, source))?;
+    Ok(file)
+}
+
+fn publish(file: NamedTempFile, path: &Path) -> Result<()> {
     file.persist(path)
-        .map_err(|failure| Error::file(path, failure.error))?;
-    Ok(())
+        .map(drop)
+        .map_err(|failure| Error::file(path, failure.error))
 }

@@ -61,8 +61,36 @@ impl ScenarioSource {
                 .map_or("--set".to_owned(), |path| path.display().to_string());
             Error::input(place, error.message(), "the type that the key has in the preset")
         })?;
-        scenario.check()?;
+        scenario.check().map_err(|error| self.with_origin(error))?;
         Ok(scenario)
+    }
+
+    /// Says where a key that is out of range was set.
+    fn with_origin(&self, error: Error) -> Error {
+        let Error::Input {
+            place,
+            found,
+            expected,
+        } = error
+        else {
+            return error;
+        };
+        let set = |setting: &String| setting.split('=').next().is_some_and(|key| key.trim() == place);
+        let in_file = || {
+            let text = std::fs::read_to_string(self.file.as_ref()?).ok()?;
+            let (section, key) = place.split_once('.')?;
+            text.parse::<Table>().ok()?.get(section)?.get(key).map(drop)
+        };
+        let place = match &self.file {
+            _ if self.settings.iter().any(set) => place,
+            Some(path) if in_file().is_some() => format!("{}: key {place}", path.display()),
+            _ => place,
+        };
+        Error::Input {
+            place,
+            found,
+            expected,
+        }
     }
 }
 
@@ -83,6 +111,7 @@ fn parse_setting(setting: &str) -> Result<Table> {
     let value = format!("value = {value}")
         .parse::<Table>()
         .ok()
+        .filter(|table| table.len() == 1)
         .and_then(|mut table| table.remove("value"))
         .unwrap_or_else(|| Value::String(value.to_owned()));
     let mut parts = key.trim().rsplit('.');
@@ -199,11 +228,11 @@ mod tests {
         );
         assert_eq!(
             message("radio.bandwidth_khz=nan"),
-            "radio.bandwidth_khz: found NaN, expected a finite number above 0"
+            "radio.bandwidth_khz: found NaN, expected a number from 1e-6 to 1e6"
         );
         assert_eq!(
             message("radio.max_power_dbm=inf"),
-            "radio.max_power_dbm: found inf, expected a finite number"
+            "radio.max_power_dbm: found inf, expected -100 to 100"
         );
         assert_eq!(
             message("radio.sub_channels=4"),

@@ -155,6 +155,9 @@ impl RadioScenario {
 
 impl Scenario {
     /// Checks every value that has a range.
+    ///
+    /// # Errors
+    /// The first key, as `section.key`, that is out of its range.
     fn check(&self) -> Result<()> {
         let Self {
             cell,
@@ -166,24 +169,38 @@ impl Scenario {
             traffic,
             planning,
         } = self;
-        let finite = [
-            ("cell.base_station_x_m", cell.base_station_x_m),
-            ("cell.base_station_y_m", cell.base_station_y_m),
+        // Levels and powers must stay within what units express, -128 to 128 dB.
+        for (key, value) in [
             ("radio.max_power_dbm", radio.max_power_dbm),
-            ("radio.noise_power_dbm", radio.noise_power_dbm),
             ("radio.vehicle_antenna_gain_dbi", radio.vehicle_antenna_gain_dbi),
             (
                 "radio.base_station_antenna_gain_dbi",
                 radio.base_station_antenna_gain_dbi,
             ),
-            ("radio.path_loss_intercept_db", radio.path_loss_intercept_db),
-        ];
-        for (key, value) in finite {
-            within(key, value, -1e6, 1e6, "a finite number")?;
+        ] {
+            within(key, value, -100.0, 100.0, "-100 to 100")?;
         }
-        let not_negative = [
-            ("cell.base_station_height_m", cell.base_station_height_m),
-            ("cell.vehicle_height_m", cell.vehicle_height_m),
+        within(
+            "radio.noise_power_dbm",
+            radio.noise_power_dbm,
+            -250.0,
+            100.0,
+            "-250 to 100",
+        )?;
+        within(
+            "radio.path_loss_intercept_db",
+            radio.path_loss_intercept_db,
+            0.0,
+            500.0,
+            "0 to 500",
+        )?;
+        for (key, value) in [
+            ("cell.base_station_x_m", cell.base_station_x_m),
+            ("cell.base_station_y_m", cell.base_station_y_m),
+        ] {
+            within(key, value, -1e8, 1e8, "a number of metres from -1e8 to 1e8")?;
+        }
+        for (key, value) in [
             (
                 "radio.base_station_noise_figure_db",
                 radio.base_station_noise_figure_db,
@@ -191,8 +208,18 @@ impl Scenario {
             ("radio.vehicle_noise_figure_db", radio.vehicle_noise_figure_db),
             ("radio.path_loss_slope_db", radio.path_loss_slope_db),
             ("radio.shadowing_deviation_db", radio.shadowing_deviation_db),
+        ] {
+            within(key, value, 0.0, 100.0, "0 to 100")?;
+        }
+        within("traffic.bpr_power", traffic.bpr_power, 0.0, 100.0, "0 to 100")?;
+        let not_negative = [
+            ("cell.base_station_height_m", cell.base_station_height_m),
+            ("cell.vehicle_height_m", cell.vehicle_height_m),
+            (
+                "radio.base_station_noise_figure_db",
+                radio.base_station_noise_figure_db,
+            ),
             ("mobility.min_speed_m_per_s", mobility.min_speed_m_per_s),
-            ("broadcast.joiner_load", broadcast.joiner_load),
             ("baselines.aloha_load", baselines.aloha_load),
             ("baselines.age_threshold_load", baselines.age_threshold_load),
             (
@@ -201,11 +228,12 @@ impl Scenario {
             ),
         ];
         for (key, value) in not_negative {
-            within(key, value, 0.0, 1e6, "a finite number from 0 on")?;
+            within(key, value, 0.0, 1e6, "a number from 0 to 1e6")?;
         }
         let positive = [
             ("radio.carrier_ghz", radio.carrier_ghz),
             ("radio.bandwidth_khz", radio.bandwidth_khz),
+            ("broadcast.joiner_load", broadcast.joiner_load),
             ("radio.shadowing_decorrelation_m", radio.shadowing_decorrelation_m),
             ("mobility.block_x_m", mobility.block_x_m),
             ("mobility.block_y_m", mobility.block_y_m),
@@ -217,7 +245,7 @@ impl Scenario {
             ("planning.incident_duration_s", planning.incident_duration_s),
         ];
         for (key, value) in positive {
-            within(key, value, f64::MIN_POSITIVE, 1e6, "a finite number above 0")?;
+            within(key, value, 1e-6, 1e6, "a number from 1e-6 to 1e6")?;
         }
         within(
             "radio.min_spectral_efficiency",
@@ -237,11 +265,11 @@ impl Scenario {
         }
         let street_half_width = mobility.lane_width_m * f64::from(mobility.lanes_per_direction);
         within(
-            "mobility.lane_width_m",
+            "mobility.lane_width_m times lanes_per_direction",
             street_half_width,
             0.0,
             mobility.block_x_m.min(mobility.block_y_m) / 2.0,
-            "lanes that fit half a block on each side",
+            "at most half of block_x_m and of block_y_m",
         )?;
         within(
             "mobility.max_speed_m_per_s",

@@ -5,11 +5,12 @@ use crate::distil::{Distilled, Recipe, distil};
 use crate::export::{Header, source_revision, table_bytes};
 use crate::quantise::quantise;
 use crate::run_folder::RunFolder;
-use firmware::table::{Provenance, Table};
-use host_sim::command::options::{parse_table, progress_bar, thread_pool};
+use firmware::table::{MAX_LAYERS, Provenance, Table};
+use host_sim::command::options::{ScenarioArguments, parse_table, progress_bar, thread_pool};
 use host_sim::error::{Error, Result};
 use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
+use host_sim::report::files::check_folder;
 use host_sim::say;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
@@ -27,6 +28,9 @@ pub struct DistilArguments {
     #[arg(long, value_delimiter = ',', default_values_t = Recipe::default().hidden,
           value_parser = parse_width)]
     pub hidden: Vec<usize>,
+    /// The scenario to distil in.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
     /// Folder for the network, the table and the report
     #[arg(long, default_value = "out/distil")]
     pub out: PathBuf,
@@ -58,11 +62,11 @@ pub fn workspace_folder() -> PathBuf {
     trainer.parent().unwrap_or(trainer).to_owned()
 }
 
-/// The scenario that tables are distilled in: the paper's.
+/// The scenario that the shipped table is distilled in: the paper's.
 ///
 /// # Errors
 /// Never for the built-in preset.
-pub fn training_scenario() -> Result<Scenario> {
+pub fn shipped_scenario() -> Result<Scenario> {
     ScenarioSource::default().read()
 }
 
@@ -80,11 +84,15 @@ pub fn provenance(seed: u64) -> Provenance {
 ///
 /// # Errors
 /// If the network cannot be quantised.
-pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool) -> Result<DistilledTable> {
-    let scenario = training_scenario()?;
+pub fn distil_table(
+    scenario: &Scenario,
+    recipe: &Recipe,
+    provenance: Provenance,
+    hide_progress: bool,
+) -> Result<DistilledTable> {
     let template = "distilling {bar:40} round {pos}/{len}, {eta} left, {msg}";
     let progress = progress_bar(u64::from(recipe.iterations), template, hide_progress);
-    let distilled = distil(&scenario, recipe, |round| {
+    let distilled = distil(scenario, recipe, |round| {
         progress.set_position(u64::from(round.number));
         progress.set_message(format!(
             "cross entropy {:.4} over {} samples",
@@ -97,7 +105,7 @@ pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool
     let header = Header {
         max_vehicles: recipe.max_vehicles as u16,
         required_sinr: scenario.radio.required_level(),
-        power_plan: power_plan(&scenario),
+        power_plan: power_plan(scenario),
         provenance,
     };
     let bytes = table_bytes(&quantised, &header);
@@ -112,13 +120,24 @@ pub fn distil_table(recipe: &Recipe, provenance: Provenance, hide_progress: bool
 /// What cannot be quantised or written.
 pub fn run(arguments: &DistilArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
+    let scenario = arguments.scenario.read([])?;
+    let most = MAX_LAYERS - 1;
+    if arguments.hidden.len() > most {
+        let found = format!("{} layers", arguments.hidden.len());
+        return Err(Error::input(
+            "--hidden",
+            found,
+            format!("at most {most}, which a table holds"),
+        ));
+    }
+    check_folder(&arguments.out)?;
     let start = Instant::now();
     let recipe = Recipe {
         seed: arguments.seed,
         hidden: arguments.hidden.clone(),
         ..Recipe::default()
     };
-    let made = pool.install(|| distil_table(&recipe, provenance(recipe.seed), arguments.json))?;
+    let made = pool.install(|| distil_table(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
     let seconds = start.elapsed().as_secs_f64();
     let table = parse_table(None, &made.bytes)?;
     let extent = Extent {
@@ -127,7 +146,6 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         slots: 1000,
         warmup: 500,
     };
-    let scenario = training_scenario()?;
     let simulation = Simulation {
         scenario: &scenario,
         source: &MobilitySource::Grid,
@@ -136,6 +154,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     let comparison = pool.install(|| compare(&simulation, &made.distilled.network, &table))?;
     let report = json!({
         "seed": recipe.seed,
+        "scenario": scenario,
         "hidden": recipe.hidden,
         "cross_entropy": made.distilled.loss,
         "table_bytes": made.bytes.len(),

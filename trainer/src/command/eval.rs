@@ -5,7 +5,7 @@ use crate::network::Network;
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
 use host_sim::command::options::thread_pool;
-use host_sim::command::run::RunArguments;
+use host_sim::command::run::RunOptions;
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
 use host_sim::report::ages;
@@ -22,7 +22,7 @@ pub struct EvalArguments {
     pub run: Option<PathBuf>,
     /// Worlds, policies and output.
     #[command(flatten)]
-    pub options: RunArguments,
+    pub options: RunOptions,
 }
 
 /// Float and int8 on the same worlds.

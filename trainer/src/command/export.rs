@@ -1,7 +1,7 @@
 //! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
 //! seed gives.
 
-use crate::command::distil::{distil_table, provenance, workspace_folder};
+use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
 use crate::distil::Recipe;
 use crate::export::{revision_text, table_source};
 use crate::run_folder::RunFolder;
@@ -52,8 +52,15 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
                 seed: arguments.seed.unwrap_or(Recipe::default().seed),
                 ..Recipe::default()
             };
-            pool.install(|| distil_table(&recipe, provenance(recipe.seed), arguments.json))?
-                .bytes
+            pool.install(|| {
+                distil_table(
+                    &shipped_scenario()?,
+                    &recipe,
+                    provenance(recipe.seed),
+                    arguments.json,
+                )
+            })?
+            .bytes
         }
     };
     let place = arguments
@@ -81,7 +88,7 @@ fn check(json: bool) -> Result<()> {
         seed: stated.seed,
         ..Recipe::default()
     };
-    let made = distil_table(&recipe, stated, json)?;
+    let made = distil_table(&shipped_scenario()?, &recipe, stated, json)?;
     let different = made
         .bytes
         .iter()
