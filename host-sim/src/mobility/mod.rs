@@ -73,7 +73,7 @@ impl MobilitySource {
     /// Checks that a trace passes the base station.
     ///
     /// # Errors
-    /// [`Error::Input`] if no vehicle ever comes within [`REACH_M`]: the trace is then in other coordinates.
+    /// [`Error::Input`] if no vehicle ever comes within 10 km: the trace is then in other coordinates.
     pub fn check_places(&self, scenario: &Scenario) -> Result<()> {
         let Self::Trace(trace) = self else { return Ok(()) };
         let (x_m, y_m) = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
