@@ -10,8 +10,11 @@ mod link;
 #[cfg(feature = "defmt")]
 mod logging;
 mod observation;
+mod session;
+mod signing;
 mod table;
 mod table_builder;
+mod table_store;
 mod telemetry;
 mod tracker;
 mod unit;

@@ -13,6 +13,7 @@ pub mod cell;
 pub mod channel;
 pub mod command;
 pub mod error;
+pub mod hil;
 pub mod mobility;
 pub mod policy;
 pub mod radio;

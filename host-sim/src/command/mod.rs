@@ -2,6 +2,7 @@
 
 pub mod assign;
 pub mod figures;
+pub mod hil;
 pub mod options;
 pub mod run;
 
