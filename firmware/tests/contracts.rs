@@ -9,6 +9,7 @@ mod description;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;
+mod noise;
 mod observation;
 mod session;
 mod signing;

@@ -237,12 +237,13 @@ fn every_flipped_bit_is_refused() {
         ));
     }
     let mut signature_checks = 0;
-    for (position, bit) in bits {
+    for (index, (position, bit)) in bits.into_iter().enumerate() {
         let mut damaged = good.clone();
         damaged[position] ^= 1 << bit;
         let refusal = Package::check(&damaged, &KEY);
         assert!(refusal.is_err(), "bit {bit} of byte {position}");
-        if body.contains(&position) && position < body.end - 4 {
+        // A signature check takes milliseconds without the chip's own multiplications, so of the mended ones every eighth is enough.
+        if index.is_multiple_of(8) && body.contains(&position) && position < body.end - 4 {
             // Who changes a table on purpose mends its checksum, too: then the signature alone is left. The table's own fields may
             // refuse it before.
             let table = seal(damaged[body.start..body.end - 4].to_vec());
@@ -259,7 +260,7 @@ fn every_flipped_bit_is_refused() {
         }
     }
     println!("{signature_checks} refused by the signature alone");
-    assert!(signature_checks > 3_000);
+    assert!(signature_checks > 400);
 }
 
 #[test]
@@ -412,7 +413,7 @@ fn a_power_cut_anywhere_leaves_the_old_table_or_the_new_one() {
     assert!(operations > 100, "{operations}");
     let mut activated = 0;
     for cut in 1..=operations {
-        for seed in 0..3 {
+        for seed in 0..2 {
             let mut flash = before.clone();
             flash.operations_left = Some(cut);
             flash.rng = Pcg64Mcg::new(seed);
@@ -442,7 +443,7 @@ fn a_power_cut_anywhere_leaves_the_old_table_or_the_new_one() {
             Actor::new(Table::parse(&new).unwrap());
         }
     }
-    println!("{operations} cuts x 3, {activated} of them after the activation");
+    println!("{operations} cuts x 2, {activated} of them after the activation");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::command::options::{ScenarioArguments, progress_bar};
 use crate::error::{Error, Result};
+use crate::hil::emulator::check_installed;
 use crate::hil::fleet::{Fleet, FleetResult, INSTRUCTION_SHIFT};
 use crate::hil::image::{self, Image};
 use crate::mobility::MobilitySource;
@@ -55,6 +56,7 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
         let expected = format!("at most {}, the vehicles of the cell", scenario.cell.vehicles);
         return Err(Error::input("--units", arguments.units, expected));
     }
+    check_installed()?;
     let image = match &arguments.elf {
         Some(path) => Image::read(path)?,
         None => Image::read(&image::build()?)?,

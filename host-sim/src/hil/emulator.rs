@@ -18,6 +18,25 @@ const PROGRAM: &str = "qemu-system-arm";
 /// For the emulator to call back and for the image to boot; a loaded machine needs seconds.
 const START_LIMIT: Duration = Duration::from_secs(60);
 
+/// Checks that QEMU is there.
+///
+/// # Errors
+/// [`Error::Input`] says how to install it.
+pub fn check_installed() -> Result<()> {
+    let mut version = Command::new(PROGRAM);
+    version
+        .arg("--version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    version.status().map(drop).map_err(|error| missing(&error))
+}
+
+fn missing(error: &std::io::Error) -> Error {
+    let expected = "it installed (`apt-get install qemu-system-arm` or `brew install qemu`)";
+    Error::input(PROGRAM, error, expected)
+}
+
 /// How to start an image.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
@@ -91,10 +110,7 @@ impl Emulator {
             .stdout(Stdio::null())
             .stderr(log_file);
         end_with_parent(&mut command);
-        let child = command.spawn().map_err(|error| {
-            let expected = "it installed (`apt-get install qemu-system-arm` or `brew install qemu`)";
-            Error::input(PROGRAM, error, expected)
-        })?;
+        let child = command.spawn().map_err(|error| missing(&error))?;
         let mut process = Process { child, log };
         let line = process.accept(&setup.name, &line)?;
         let monitor = process.accept(&setup.name, &monitor)?;

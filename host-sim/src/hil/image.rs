@@ -38,7 +38,7 @@ pub fn build() -> Result<PathBuf> {
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     let executable = messages
         .filter_map(|message| message.get("executable")?.as_str().map(PathBuf::from))
-        .last();
+        .next_back();
     match executable {
         Some(path) if output.status.success() => Ok(path),
         _ => {
