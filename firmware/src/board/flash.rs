@@ -28,9 +28,12 @@ const POLLS: u32 = 42_000_000;
 
 #[allow(unsafe_code, reason = "names a place in the memory map")]
 unsafe extern "C" {
-    /// Defined by `memory.x`.
-    static _table_slots: [u8; 2 * SLOT_LEN];
+    /// Defined by `memory.x`. Mutable, because programming changes it.
+    static mut _table_slots: [u8; 2 * SLOT_LEN];
 }
+
+#[allow(unsafe_code, reason = "names a place in the memory map")]
+const SLOTS: *const [u8; 2 * SLOT_LEN] = &raw const _table_slots;
 
 /// The flash controller, for the two slots alone.
 pub struct Flash(FLASH);
@@ -96,6 +99,8 @@ impl Flash {
         self.0.acr().modify(|_, w| w.dcrst().set_bit());
         self.0.acr().modify(|_, w| w.dcrst().clear_bit());
         self.0.acr().modify(|_, w| w.dcen().bit(cached));
+        // Neither the core nor the compiler may answer a later read with what was there before.
+        cortex_m::asm::dsb();
         outcome
     }
 }
@@ -104,7 +109,7 @@ fn slot_bytes(slot: Slot) -> &'static [u8] {
     // SAFETY: two sectors that hold nothing else and are always mapped. Readers of a slot that is not running borrow it from the
     // driver, so none of them is alive when the driver writes it.
     #[allow(unsafe_code, reason = "memory-mapped flash")]
-    let (a, b) = unsafe { &*&raw const _table_slots }.split_at(SLOT_LEN);
+    let (a, b) = unsafe { &*SLOTS }.split_at(SLOT_LEN);
     match slot {
         Slot::A => a,
         Slot::B => b,
@@ -175,7 +180,7 @@ impl NorFlash for Flash {
                 // SAFETY: a word inside the two slots, by the check above; the controller programs what is written there.
                 #[allow(unsafe_code, reason = "memory-mapped flash")]
                 unsafe {
-                    let first = (&raw const _table_slots).cast::<u32>().cast_mut();
+                    let first = SLOTS.cast_mut().cast::<u32>();
                     first
                         .add(offset as usize / WORD + index)
                         .write_volatile(u32::from_le_bytes(*word));

@@ -26,7 +26,7 @@ pub enum ModemFrame {
         /// The slot's index.
         slot: u32,
     },
-    /// How long a slot is, if not [`SlotLength::DEFAULT`]. A length outside [`SlotLength`]'s range is refused.
+    /// How long a slot is, if not 1 ms. A length outside the range of [`crate::slot_clock::SlotLength`] is refused.
     SlotLength {
         /// In microseconds.
         microseconds: u32,
