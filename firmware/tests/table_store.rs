@@ -1,16 +1,21 @@
 //! Tables over the air: what is refused, and what a power cut leaves.
 
+use crate::observation::Readings;
 use crate::signing::{TEST_SECRET, package, public, slot};
 use crate::table_builder::{Contents, seal};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use firmware::actor::Actor;
 use firmware::decision::ACTIONS;
-use firmware::link::{CHUNK_LEN, Refusal, UpdateAnswer, UpdateFrame};
+use firmware::link::{
+    CHUNK_LEN, ModemFrame, Refusal, UnitFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
+};
 use firmware::observation::INPUTS;
+use firmware::session::{Request, Session};
 use firmware::table::Table;
 use firmware::table_store::package::Package;
 use firmware::table_store::{Active, Key, PackageError, SLOT_LEN, Slot, SlotFlash, TableStore, inspect};
 use firmware::tables::DISTILLED;
+use firmware::unit::{Event, Unit, back_off};
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 
@@ -461,5 +466,105 @@ fn an_active_slot_says_where_its_table_is() {
         active.table(&[0; 40]),
         [0_u8; 0],
         "too short is empty, which no check passes"
+    );
+}
+
+/// The whole way, as the image goes it: frames in, decisions and answers out, the new table from one slot to the next.
+#[test]
+fn slots_are_decided_through_an_update() {
+    let new = Contents::random(8, &[INPUTS, 16, ACTIONS]).bytes();
+    let next = package(&new, 1, &TEST_SECRET);
+    let mut store = TableStore::boot(SimulatedFlash::new(), KEY);
+    let mut session = Session::new(Unit::new(DISTILLED, back_off([1; 3])));
+    let mut references = [DISTILLED, &new].map(|table| Unit::new(table, back_off([1; 3])));
+    let mut rng = Pcg64Mcg::new(3);
+    let (mut step, mut activated, mut differing) = (
+        UpdateFrame::Begin {
+            length: next.len() as u32,
+        },
+        false,
+        0,
+    );
+    for slot in 0..600_u32 {
+        let readings = Readings {
+            slot,
+            gain: std::array::from_fn(|_| rng.next_u32() as i16),
+            age: 1 + (rng.next_u32() % 100) as u8,
+            ..Readings::default()
+        };
+        let measurement = readings.measurement();
+        let reports = references
+            .each_mut()
+            .map(|unit| unit.slot(&Event::Measured(measurement)));
+        differing += u32::from(reports[0] != reports[1]);
+        let expected = UnitFrame::from(&reports[usize::from(activated)].unwrap());
+        let mut wire = encode(&ModemFrame::Measurement((&measurement).into()))
+            .unwrap()
+            .to_vec();
+        if !activated {
+            wire.extend(encode(&ModemFrame::Update(step)).unwrap());
+        }
+        let mut decided = Vec::new();
+        for byte in wire {
+            match session.byte(byte) {
+                None => {}
+                Some(Request::Answer(UnitMessage::Decision(frame))) => decided.push(frame),
+                Some(Request::Answer(other)) => panic!("{other:?}"),
+                Some(Request::Update(step_of_modem)) => match store.step(&step_of_modem) {
+                    UpdateAnswer::Continue { offset } if offset < next.len() as u32 => {
+                        let mut bytes = [0; CHUNK_LEN];
+                        let rest = &next[offset as usize..];
+                        let length = rest.len().min(CHUNK_LEN);
+                        bytes[..length].copy_from_slice(&rest[..length]);
+                        step = UpdateFrame::Chunk { offset, bytes };
+                    }
+                    UpdateAnswer::Continue { .. } => step = UpdateFrame::Commit,
+                    UpdateAnswer::Activated { version: 1 } => {
+                        session.replace_table(&new);
+                        activated = true;
+                    }
+                    other => panic!("{other:?}"),
+                },
+            }
+        }
+        assert_eq!(decided, [expected], "slot {slot}");
+    }
+    assert!(activated && differing > 50, "{differing}");
+    assert_eq!(running(&store), Some((1, new.clone())));
+}
+
+#[test]
+fn steps_at_random_never_touch_the_running_table() {
+    let old = small_table(1);
+    let active = slot(&package(&old, 5, &TEST_SECRET));
+    let mut store = TableStore::boot(SimulatedFlash::with([&active, &[0xff; SLOT_LEN]]), KEY);
+    let next = package(&small_table(2), 4, &TEST_SECRET);
+    let mut rng = Pcg64Mcg::new(12);
+    for _ in 0..20_000 {
+        let random = rng.next_u32();
+        let offset = match random % 4 {
+            0 => rng.next_u32(),
+            _ => random / 4 % 700 & !31,
+        };
+        let mut bytes = [random as u8; CHUNK_LEN];
+        if let Some(chunk) = next.get(offset as usize..).and_then(|rest| rest.first_chunk()) {
+            bytes = *chunk;
+        }
+        let step = match rng.next_u32() % 200 {
+            0 => UpdateFrame::Begin { length: random % 700 },
+            1 => UpdateFrame::Begin { length: random },
+            2 | 3 => UpdateFrame::Commit,
+            _ => UpdateFrame::Chunk { offset, bytes },
+        };
+        assert!(
+            !matches!(store.step(&step), UpdateAnswer::Activated { .. }),
+            "the version is too low"
+        );
+    }
+    assert_eq!(running(&store), Some((5, old)));
+    assert_eq!(
+        store.flash().slot(Slot::A),
+        active,
+        "not a bit of the running slot has changed"
     );
 }
