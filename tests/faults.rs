@@ -198,7 +198,8 @@ fn a_signed_table_in_flash_runs_and_a_damaged_one_does_not() {
     drop(runs([&empty, &new], directory, &other));
     drop(runs([&damaged, &old], directory, DISTILLED));
     drop(runs([&foreign, &new], directory, &other));
-    drop(runs([&foreign, &damaged], directory, DISTILLED));
+    // Signatures are checked while the unit is built: the deepest that the stack gets.
+    runs([&foreign, &damaged], directory, DISTILLED).assert_stack_is_within_budget();
 }
 
 /// QEMU has no flash controller, so an update gets as far as the first write that must be read back. On the host the same code

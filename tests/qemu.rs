@@ -162,22 +162,7 @@ fn ten_thousand_frames_give_the_librarys_answers() {
             "state {state} never occurred"
         );
     }
-    stack_is_within_budget(&mut unit);
-}
-
-/// Most stack: the region that `memory.x` gives it, less 1.5 KiB for interrupts that came at no bad moment while this ran. Of
-/// what is measured, 4.4 KiB are the unit while it is built, before it moves to its static place.
-const STACK_BUDGET: usize = image::STACK_LENGTH - 1536;
-
-/// RAM is zero when the emulator starts, so the lowest word of the stack that is not tells how far it went.
-fn stack_is_within_budget(unit: &mut Qemu) {
-    let memory = unit.memory(image::STACK, image::STACK_LENGTH);
-    let stack = memory.len() - memory.iter().position(|&byte| byte != 0).unwrap_or(memory.len());
-    println!("stack {stack} bytes at most of {}", memory.len());
-    assert!(
-        stack > 0 && stack <= STACK_BUDGET,
-        "{stack} bytes of stack, budget {STACK_BUDGET}"
-    );
+    unit.assert_stack_is_within_budget();
 }
 
 #[test]

@@ -544,7 +544,7 @@ fn steps_at_random_never_touch_the_running_table() {
         let random = rng.next_u32();
         let offset = match random % 4 {
             0 => rng.next_u32(),
-            _ => random / 4 % 700 & !31,
+            _ => (random / 4 % 700) & !31,
         };
         let mut bytes = [random as u8; CHUNK_LEN];
         if let Some(chunk) = next.get(offset as usize..).and_then(|rest| rest.first_chunk()) {

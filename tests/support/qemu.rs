@@ -1,10 +1,14 @@
 //! An emulated unit for tests: what goes wrong with the emulator is a failed test.
 
+use crate::image::{STACK, STACK_LENGTH};
 use firmware::link::{ModemFrame, UnitFrame, UnitMessage, UpdateAnswer, encode};
 use firmware::slot_clock::SlotLength;
 use host_sim::hil::emulator::{Emulator, Setup};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// Most stack: the region that `memory.x` gives it, less a reserve for interrupts that came at no bad moment in a test.
+const STACK_BUDGET: usize = STACK_LENGTH - 1536;
 
 /// A running image. Dropping it ends the emulator.
 #[derive(Debug)]
@@ -98,5 +102,19 @@ impl Qemu {
             .unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(bytes.len(), length, "the emulator saved too little");
         bytes
+    }
+
+    /// RAM is zero when the emulator starts, so the lowest word of the stack that is not tells how far it went.
+    ///
+    /// # Panics
+    /// If it went into the reserve.
+    pub fn assert_stack_is_within_budget(&mut self) {
+        let memory = self.memory(STACK, STACK_LENGTH);
+        let stack = memory.len() - memory.iter().position(|&byte| byte != 0).unwrap_or(memory.len());
+        println!("stack {stack} bytes at most of {STACK_LENGTH}");
+        assert!(
+            stack > 0 && stack <= STACK_BUDGET,
+            "{stack} bytes of stack, budget {STACK_BUDGET}"
+        );
     }
 }

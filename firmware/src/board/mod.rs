@@ -61,6 +61,13 @@ fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
     }
 }
 
+/// The session over a table, in a static place. A function of its own, because the 4 KiB of stack on which the session is built
+/// must not lie under the signature checks of the store; `None` if it was called before.
+#[inline(never)]
+fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static, Pcg32>> {
+    cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::new(table, back_off(identity))))
+}
+
 #[allow(unsafe_code, reason = "RTIC's own; its analysis stands for its safety")]
 #[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
 mod app {
@@ -78,7 +85,7 @@ mod app {
     #[local]
     struct Local {
         serial: Serial,
-        session: Session<'static, Pcg32>,
+        session: &'static mut Session<'static, Pcg32>,
         slot_timer: SlotTimer,
         stopwatch: Stopwatch,
         watchdog: Watchdog,
@@ -99,7 +106,12 @@ mod app {
             TABLE_KEY_KIND,
         );
         let store = TableStore::boot(Flash::new(device.FLASH), Key::BUILT_IN);
-        let session = Session::new(Unit::new(running_table(&store), back_off(identity)));
+        let Some(session) = session(running_table(&store), identity) else {
+            // Reset comes once. The watchdog makes another.
+            loop {
+                cortex_m::asm::wfi();
+            }
+        };
         let stopwatch = Stopwatch::start(device.TIM2, &device.RCC, clocks);
         let slot_timer = SlotTimer::start(cx.core.SYST, clocks, session.clock().tick_microseconds());
         let serial = Serial::start(device.USART1, &device.GPIOA, &device.RCC, clocks);
