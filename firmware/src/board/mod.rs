@@ -64,6 +64,10 @@ fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
 /// The session over a table, in a static place. A function of its own, because the 4 KiB of stack on which the session is built
 /// must not lie under the signature checks of the store; `None` if it was called before.
 #[inline(never)]
+#[allow(
+    clippy::mut_from_ref,
+    reason = "the session is borrowed from a place that is handed out once, not from the table"
+)]
 fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static, Pcg32>> {
     cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::new(table, back_off(identity))))
 }
