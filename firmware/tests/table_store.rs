@@ -265,7 +265,7 @@ fn every_flipped_bit_is_refused() {
         }
     }
     println!("{signature_checks} refused by the signature alone");
-    assert!(signature_checks > 400);
+    assert!(signature_checks > 100);
 }
 
 #[test]
@@ -321,7 +321,7 @@ fn what_is_not_a_newer_package_of_this_key_is_refused_and_changes_nothing() {
         ),
         (
             "table version",
-            with(&|contents| contents.version = 2),
+            with(&|contents| contents.version = 99),
             Refusal::Table,
         ),
         ("truncated", good(6)[..100].to_vec(), Refusal::Incomplete),
