@@ -16,14 +16,19 @@
 //! * [`table`]: the weight-table format, read in place. [`tables`]: the tables built into the image.
 //! * [`mod@unit`]: the state machine over slots, with its fallback when a measurement is missing.
 //! * [`link`]: frames between modem and unit.
+//! * [`slot_clock`]: when a slot is over although the modem said nothing.
+//! * [`table_store`]: tables over the air: two flash slots, signatures, versions.
+//! * [`session`]: all of these behind bytes and ticks; what the image runs.
 //! * [`telemetry`]: counters for people; never part of a decision.
 //!
 //! The library is `no_std`, allocates nothing and cannot panic on any validated input. It knows no base station, no
 //! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code.
 //!
 //! # Features
-//! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). A host program that enables
-//!   it must define a `#[defmt::global_logger]`.
+//! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). The image logs over RTT; a host
+//!   program that enables it must define a `#[defmt::global_logger]`.
+//! * `semihosting`: the image logs over semihosting, for an emulator.
+//! * `no-panic-proof`: the image links only if nothing in it can panic. It accepts no table over the air.
 #![no_std]
 #![deny(
     missing_docs,
@@ -42,7 +47,10 @@ pub mod link;
 pub mod measurement;
 pub mod observation;
 mod reciprocal;
+pub mod session;
+pub mod slot_clock;
 pub mod table;
+pub mod table_store;
 pub mod tables;
 pub mod telemetry;
 pub mod tracker;

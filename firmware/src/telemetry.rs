@@ -13,6 +13,8 @@ pub struct Telemetry {
     pub transmissions: u32,
     /// Slots decided without a measurement.
     pub degraded: u32,
+    /// Slots decided because their frame had not come by the deadline.
+    pub overdue: u32,
     /// Frames dropped as damaged or invalid.
     pub dropped_frames: u32,
     /// Sum of transmit power over slots, in nW. An f32 stops growing after some hours; this holds 2^32 slots of 4 W.

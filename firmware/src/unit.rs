@@ -1,4 +1,28 @@
 //! The per-slot state machine: one event in, one decision out. It owns no clock and no port.
+//!
+//! # States
+//! Every slot is decided in one of three [`State`]s, which the event and the unit's memory give alone:
+//!
+//! | | usable table, something known | usable table, nothing known | no usable table |
+//! |---|---|---|---|
+//! | measured | nominal | nominal | silent (no table) |
+//! | missed, fewer than [`MAX_MISSED`] in a row | degraded | silent (no measurement) | silent (no table) |
+//! | missed, [`MAX_MISSED`] in a row or more | silent (no measurement) | silent (no measurement) | silent (no table) |
+//!
+//! What moves a unit between them:
+//!
+//! * **Missing**: one missed slot degrades, [`MAX_MISSED`] in a row silence. Slots that the index leaps over count as missed.
+//! * **Returning modem**: a single measurement makes any unit with a table nominal at once; after a silence the tracked level
+//!   starts anew.
+//! * **Late, duplicated, reordered**: an event for a slot that was decided, or up to [`MAX_MISSED`] slots older, changes
+//!   nothing and gets no decision. A vehicle never sends twice in a slot.
+//! * **Restarted modem**: an index that jumps back further starts a new count.
+//! * **Wrapping index**: differences alone count, so the wrap is a slot like any other.
+//! * **Saturating age**: from [`Age::MAX`] on an age stays there; the turn is lost and the unit joins anew.
+//! * **Corrupt frames, floods**: end in [`crate::link::Receiver`]; none becomes an event. Their slots are missing ones.
+//! * **Failing table**: silence from the first slot on, until [`Unit::replace_table`] brings a good one.
+//!
+//! In every state the decision is legal: silent, or one existing sub-channel with at most the table's full power.
 
 use crate::actor::Actor;
 use crate::decision::{Action, Decision};
@@ -24,6 +48,16 @@ pub enum Event {
     Missed(SlotIndex),
 }
 
+impl Event {
+    /// The slot.
+    pub const fn slot(&self) -> SlotIndex {
+        match self {
+            Self::Measured(measurement) => measurement.slot(),
+            Self::Missed(slot) => *slot,
+        }
+    }
+}
+
 /// How well the unit works.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -32,9 +66,17 @@ pub enum State {
     Nominal,
     /// The measurement is missing: the unit keeps its turn and backs off as a joiner.
     Degraded,
-    /// The unit sends nothing because it has no usable table.
+    /// The unit sends nothing.
+    Silent(Silence),
+}
+
+/// Why a unit sends nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Silence {
+    /// It has no usable table.
     NoTable,
-    /// The unit sends nothing because it knows too little: no measurement yet, or none for [`MAX_MISSED`] slots.
+    /// It knows too little: no measurement yet, or none for [`MAX_MISSED`] slots.
     NoMeasurement,
 }
 
@@ -78,24 +120,30 @@ impl<'t, R: Rng> Unit<'t, R> {
     /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent for ever and says why
     /// ([`Unit::table`]).
     pub fn new(bytes: &'t [u8], back_off: R) -> Self {
-        let table = Table::parse(bytes);
-        match &table {
-            Ok(table) => log_info!(
-                "table of seed {} serves {} vehicles",
-                table.provenance().seed,
-                table.max_vehicles()
-            ),
-            Err(error) => log_warning!("silent: {}", error),
-        }
-        let actor = table.map(Actor::new);
         Self {
-            actor,
+            actor: parse(bytes).map(Actor::new),
             back_off,
             tracker: LevelTracker::default(),
             known: None,
             missed: 0,
             slot: None,
         }
+    }
+
+    /// Runs the table in `bytes` from the next slot on. What the unit knows of its channel and its turn stays. A table that
+    /// fails its check silences the unit, so callers check first and keep the old one.
+    // A new actor is built on the stack before it moves here; inlined, its 4 KiB would be reserved in every slot.
+    #[inline(never)]
+    pub fn replace_table(&mut self, bytes: &'t [u8]) {
+        match parse(bytes) {
+            Ok(table) => self.actor = Ok(Actor::new(table)),
+            Err(error) => self.actor = Err(error),
+        }
+    }
+
+    /// The last decided slot.
+    pub const fn last_slot(&self) -> Option<SlotIndex> {
+        self.slot
     }
 
     /// The table, or why there is none.
@@ -106,10 +154,7 @@ impl<'t, R: Rng> Unit<'t, R> {
     /// Decides one slot. `None` if the slot was decided before: a duplicate or a late event must not make the vehicle send
     /// twice. A slot index that jumps back by more than [`MAX_MISSED`] is a modem that restarted, and is decided.
     pub fn slot(&mut self, event: &Event) -> Option<Report> {
-        let slot = match event {
-            Event::Measured(measurement) => measurement.slot(),
-            Event::Missed(slot) => *slot,
-        };
+        let slot = event.slot();
         if let Some(previous) = self.slot
             && previous.since(slot) <= u32::from(MAX_MISSED)
         {
@@ -143,20 +188,20 @@ impl<'t, R: Rng> Unit<'t, R> {
         });
         match &mut self.actor {
             Ok(actor) => (actor.decide(&Observation::new(measurement)), State::Nominal),
-            Err(_) => (Decision::Silent, State::NoTable),
+            Err(_) => (Decision::Silent, State::Silent(Silence::NoTable)),
         }
     }
 
     fn missed(&mut self, slot: SlotIndex, elapsed: u32) -> (Decision, State) {
         self.pass(elapsed);
         let Ok(actor) = &self.actor else {
-            return (Decision::Silent, State::NoTable);
+            return (Decision::Silent, State::Silent(Silence::NoTable));
         };
         let (Some(known), Some(level)) = (self.known, self.tracker.predicted()) else {
-            return (Decision::Silent, State::NoMeasurement);
+            return (Decision::Silent, State::Silent(Silence::NoMeasurement));
         };
         if self.missed >= MAX_MISSED {
-            return (Decision::Silent, State::NoMeasurement);
+            return (Decision::Silent, State::Silent(Silence::NoMeasurement));
         }
         let table = actor.table();
         let Broadcast {
@@ -202,4 +247,17 @@ impl<'t, R: Rng> Unit<'t, R> {
     pub fn act(&mut self, observation: &Observation) -> Option<Action> {
         self.actor.as_mut().ok().map(|actor| actor.act(observation))
     }
+}
+
+fn parse(bytes: &[u8]) -> Result<Table<'_>, TableError> {
+    let table = Table::parse(bytes);
+    match &table {
+        Ok(table) => log_info!(
+            "table of seed {} serves {} vehicles",
+            table.provenance().seed,
+            table.max_vehicles()
+        ),
+        Err(error) => log_warning!("silent: {}", error),
+    }
+    table
 }

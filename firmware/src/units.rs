@@ -61,6 +61,12 @@ impl SlotIndex {
     pub const fn since(self, earlier: Self) -> u32 {
         self.0.wrapping_sub(earlier.0)
     }
+
+    /// The slot after this one.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.wrapping_add(1))
+    }
 }
 
 /// Age of information in slots (= ms): 1 in the slot after a success, one more in every further slot, saturating at

@@ -9,9 +9,13 @@ mod description;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;
+mod noise;
 mod observation;
+mod session;
+mod signing;
 mod table;
 mod table_builder;
+mod table_store;
 mod telemetry;
 mod tracker;
 mod unit;

@@ -2,7 +2,7 @@
 
 use firmware::decision::Decision;
 use firmware::telemetry::{Telemetry, milliwatts};
-use firmware::unit::{Report, State};
+use firmware::unit::{Report, Silence, State};
 use firmware::units::{Dbm, SlotIndex, SubChannel};
 
 #[test]
@@ -39,7 +39,7 @@ fn every_slot_is_counted() {
     assert_eq!(telemetry.mean_power_mw(), 0.0);
     telemetry.count(&report(State::Nominal, Some(20)));
     telemetry.count(&report(State::Degraded, None));
-    telemetry.count(&report(State::NoTable, None));
+    telemetry.count(&report(State::Silent(Silence::NoTable), None));
     telemetry.count(&report(State::Degraded, Some(20)));
     assert_eq!(
         (telemetry.slots, telemetry.transmissions, telemetry.degraded),

@@ -7,7 +7,7 @@ use firmware::decision::{ACTIONS, Decision};
 use firmware::measurement::{Broadcast, Measurement, MeasurementError};
 use firmware::observation::{INPUTS, Observation};
 use firmware::table::{Table, TableError};
-use firmware::unit::{Event, MAX_MISSED, Report, State, Unit, back_off};
+use firmware::unit::{Event, MAX_MISSED, Report, Silence, State, Unit, back_off};
 use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
 use proptest::prelude::*;
 use rand_pcg::Pcg32;
@@ -137,7 +137,7 @@ fn a_modem_that_restarts_is_served() {
     let mut unit = self::unit(&bytes);
     assert!(unit.slot(&measured(90_000)).is_some());
     let report = unit.slot(&missed(3)).unwrap();
-    let nothing = (Decision::Silent, State::NoMeasurement);
+    let nothing = (Decision::Silent, State::Silent(Silence::NoMeasurement));
     assert_eq!(
         (report.decision, report.state),
         nothing,
@@ -152,7 +152,7 @@ fn a_missing_measurement_degrades_then_silences() {
     let first = unit.slot(&missed(0)).unwrap();
     assert_eq!(
         (first.decision, first.state),
-        (Decision::Silent, State::NoMeasurement)
+        (Decision::Silent, State::Silent(Silence::NoMeasurement))
     );
     assert_eq!(unit.slot(&measured(1)).unwrap().state, State::Nominal);
     for n in 1..=300 {
@@ -160,7 +160,7 @@ fn a_missing_measurement_degrades_then_silences() {
         if n < u32::from(MAX_MISSED) {
             assert_eq!(report.state, State::Degraded, "{n} missed");
         } else {
-            assert_eq!(report.state, State::NoMeasurement, "{n} missed");
+            assert_eq!(report.state, State::Silent(Silence::NoMeasurement), "{n} missed");
             assert_eq!(report.decision, Decision::Silent);
         }
     }
@@ -171,7 +171,10 @@ fn a_missing_measurement_degrades_then_silences() {
     );
     // A gap in the slot index counts as much as events that say so.
     assert_eq!(unit.slot(&missed(302 + 99)).unwrap().state, State::Degraded);
-    assert_eq!(unit.slot(&missed(302 + 100)).unwrap().state, State::NoMeasurement);
+    assert_eq!(
+        unit.slot(&missed(302 + 100)).unwrap().state,
+        State::Silent(Silence::NoMeasurement)
+    );
 }
 
 #[test]
@@ -267,7 +270,7 @@ fn a_unit_without_a_table_stays_silent_and_says_why() {
         let report = unit.slot(&event).unwrap();
         assert_eq!(
             (report.decision, report.state),
-            (Decision::Silent, State::NoTable)
+            (Decision::Silent, State::Silent(Silence::NoTable))
         );
     }
 }
@@ -298,6 +301,89 @@ proptest! {
                 prop_assert_eq!(sub_channel.index(), usize::from(home));
                 prop_assert!(power <= max_power);
                 prop_assert!(report.state == State::Nominal || report.state == State::Degraded);
+            }
+        }
+    }
+}
+
+/// What the documentation of `firmware::unit` says, in a few lines of arithmetic on one count.
+#[derive(Default)]
+struct Model {
+    last: Option<u32>,
+    missed: u64,
+    known: bool,
+}
+
+impl Model {
+    fn slot(&mut self, slot: u32, measured: bool, table: bool) -> Option<State> {
+        let elapsed = self.last.map_or(1, |last| slot.wrapping_sub(last));
+        // Back by up to the limit, a repetition included.
+        if self.last.is_some_and(|last| last.wrapping_sub(slot) <= 100) {
+            return None;
+        }
+        self.last = Some(slot);
+        if measured {
+            (self.known, self.missed) = (true, 0);
+        } else {
+            self.missed += u64::from(elapsed);
+        }
+        Some(match (table, measured) {
+            (false, _) => State::Silent(Silence::NoTable),
+            (true, true) => State::Nominal,
+            (true, false) if self.known && self.missed < 100 => State::Degraded,
+            (true, false) => State::Silent(Silence::NoMeasurement),
+        })
+    }
+}
+
+/// How the next event's slot relates to the newest before it.
+fn step() -> impl Strategy<Value = u32> {
+    prop_oneof![
+        20 => Just(1_u32),
+        3 => 2_u32..120,
+        2 => Just(0_u32),
+        4 => (0_u32..=103).prop_map(|back| 0_u32.wrapping_sub(back)),
+        1 => any::<u32>(),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, cases: 400, ..ProptestConfig::default() })]
+
+    #[test]
+    fn states_follow_the_documented_transitions(
+        identity in any::<[u32; 3]>(),
+        start in prop_oneof![any::<u32>(), (0_u32..60).prop_map(|back| u32::MAX - back)],
+        damaged in prop::bool::weighted(0.1),
+        events in prop::collection::vec(
+            (step(), prop::bool::weighted(0.4), 1_u8..=100, prop::array::uniform3(any::<i16>()), 0_u8..3), 1..300),
+        replaced_at in 0_usize..400,
+    ) {
+        let good = table();
+        let mut bytes = good.clone();
+        bytes[200] ^= u8::from(damaged);
+        let mut unit = Unit::new(&bytes, back_off(identity));
+        let max_power = Table::parse(&good).unwrap().power_plan().max_power;
+        let (mut model, mut slot, mut has_table) = (Model::default(), start, !damaged);
+        for (index, (step, measured, age, gain, home)) in events.into_iter().enumerate() {
+            if index == replaced_at {
+                unit.replace_table(&good);
+                has_table = true;
+            }
+            slot = slot.wrapping_add(step);
+            let readings = Readings { slot, gain, home, age, ..Readings::default() };
+            let event = if measured { Event::Measured(readings.measurement()) } else { missed(slot) };
+            let report = unit.slot(&event);
+            prop_assert_eq!(report.map(|report| report.state), model.slot(slot, measured, has_table), "slot {}", slot);
+            let Some(report) = report else { continue };
+            prop_assert_eq!(report.slot, SlotIndex(slot));
+            prop_assert_eq!(unit.last_slot(), Some(SlotIndex(slot)));
+            match report.decision {
+                Decision::Silent => {}
+                Decision::Transmit { sub_channel, power } => {
+                    prop_assert!(!matches!(report.state, State::Silent(_)), "a silent unit sends");
+                    prop_assert!(sub_channel.index() < 3 && power <= max_power);
+                }
             }
         }
     }

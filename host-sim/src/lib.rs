@@ -14,6 +14,7 @@ pub mod channel;
 pub mod closed_loop;
 pub mod command;
 pub mod error;
+pub mod hil;
 pub mod mobility;
 pub mod policy;
 pub mod radio;

@@ -24,6 +24,8 @@ enum Command {
     Assign(command::assign::AssignArguments),
     /// The paper's path-planning figures with their data
     Figures(command::figures::FigureArguments),
+    /// Images in QEMU as vehicles of the cell
+    Hil(command::hil::HilArguments),
 }
 
 fn main() -> ExitCode {
@@ -37,6 +39,7 @@ fn main() -> ExitCode {
         Some(Command::Loop(arguments)) => command::closed_loop::run(&arguments),
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
+        Some(Command::Hil(arguments)) => command::hil::run(&arguments),
     };
     command::finish(outcome)
 }

@@ -11,6 +11,11 @@ fn workspace() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
+/// Where `memory.x` puts the stack.
+pub const STACK: u64 = 0x2000_0000;
+/// How much it gives it.
+pub const STACK_LENGTH: usize = 8 << 10;
+
 /// The image's ELF file, built once for each test program.
 ///
 /// It has a target directory of its own: the outer Cargo holds the lock of the usual one while tests run.
@@ -19,27 +24,36 @@ fn workspace() -> &'static Path {
 /// If the build fails, with Cargo's own words.
 pub fn elf() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
-    IMAGE.get_or_init(|| build(&[]))
+    IMAGE.get_or_init(|| build("release", &[]))
 }
 
-/// The same with logging.
+/// The same with logging over RTT.
 ///
 /// # Panics
 /// If the build fails, with Cargo's own words.
 pub fn elf_with_defmt() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
-    IMAGE.get_or_init(|| build(&["--features", "defmt"]))
+    IMAGE.get_or_init(|| build("defmt", &["--features", "defmt"]))
 }
 
-fn build(arguments: &[&str]) -> PathBuf {
+/// The image that links only if it cannot panic.
+///
+/// # Panics
+/// If the build fails, with the linker's own words.
+pub fn proof_elf() -> &'static Path {
+    static IMAGE: OnceLock<PathBuf> = OnceLock::new();
+    IMAGE.get_or_init(|| build("proof", &["--features", "no-panic-proof"]))
+}
+
+/// Builds a variant and keeps it under its own name. Variants share what they depend on, so one directory serves them all;
+/// the lock keeps another test program from building its variant over this one before it is copied.
+fn build(name: &str, arguments: &[&str]) -> PathBuf {
     // A test program lies in TARGET/PROFILE/deps, wherever the caller has put TARGET.
     let program = std::env::current_exe().unwrap();
-    let target = program.ancestors().nth(3).unwrap();
-    let directory = target.join(if arguments.is_empty() {
-        "image"
-    } else {
-        "image-defmt"
-    });
+    let directory = program.ancestors().nth(3).unwrap().join("image");
+    std::fs::create_dir_all(&directory).unwrap();
+    let lock = std::fs::File::create(directory.join("variants.lock")).unwrap();
+    lock.lock().unwrap();
     let output = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
         .args([
             "build",
@@ -53,6 +67,8 @@ fn build(arguments: &[&str]) -> PathBuf {
         .args(arguments)
         .arg("--target-dir")
         .arg(&directory)
+        // The tests sign with the test key.
+        .env_remove("FRESHLANE_TABLE_KEY")
         .current_dir(workspace())
         .output()
         .unwrap_or_else(|error| panic!("cargo does not start: {error}"));
@@ -61,7 +77,13 @@ fn build(arguments: &[&str]) -> PathBuf {
         "the image does not build (`rustup target add {TARGET}` if the target is missing):\n{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    directory.join(TARGET).join("firmware").join("firmware")
+    let built = directory.join(TARGET).join("firmware").join("firmware");
+    // Under another program's eyes the old copy must stay whole: replace it in one step.
+    let (fresh, path) = (directory.join(format!("{name}.new")), directory.join(name));
+    std::fs::copy(&built, &fresh)
+        .and_then(|_| std::fs::rename(&fresh, &path))
+        .unwrap();
+    path
 }
 
 /// The image's bytes.

@@ -2,9 +2,15 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 pub mod image;
+#[path = "../../firmware/tests/noise.rs"]
+pub mod noise;
 pub mod qemu;
+#[path = "../../firmware/tests/signing.rs"]
+pub mod signing;
 #[path = "../../firmware/tests/table_builder.rs"]
 pub mod table_builder;
+
+pub use noise::below;
 
 use firmware::measurement::{Broadcast, Measurement};
 use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
@@ -44,9 +50,4 @@ pub fn random_measurement(rng: &mut impl Rng, slot: u32) -> Measurement {
         broadcast,
     )
     .unwrap()
-}
-
-/// Uniform on `0..limit`, to within 2^-32.
-pub fn below(rng: &mut impl Rng, limit: u32) -> u32 {
-    ((u64::from(rng.next_u32()) * u64::from(limit)) >> 32) as u32
 }

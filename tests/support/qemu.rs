@@ -1,121 +1,56 @@
-//! An emulated STM32F405 with the modem's end of its serial line in hand.
+//! An emulated unit for tests: what goes wrong with the emulator is a failed test.
 
-use firmware::link::{Receiver, UnitFrame};
-use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
-use std::os::unix::net::UnixStream;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
-use tempfile::TempDir;
+use crate::image::{STACK, STACK_LENGTH};
+use firmware::link::{ModemFrame, UnitFrame, UnitMessage, UpdateAnswer, encode};
+use firmware::slot_clock::SlotLength;
+use host_sim::hil::emulator::{Emulator, Setup};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-const EMULATOR: &str = "qemu-system-arm";
-/// For the emulator to open its sockets; a loaded machine needs seconds.
-const START_LIMIT: Duration = Duration::from_secs(20);
+/// Most stack: the region that `memory.x` gives it, less a reserve for interrupts that came at no bad moment in a test.
+const STACK_BUDGET: usize = STACK_LENGTH - 1536;
 
 /// A running image. Dropping it ends the emulator.
 #[derive(Debug)]
-pub struct Qemu {
-    process: Child,
-    line: UnixStream,
-    monitor: BufReader<UnixStream>,
-    directory: TempDir,
-    receiver: Receiver,
-    received: std::collections::VecDeque<u8>,
-}
+pub struct Qemu(Emulator);
 
 impl Qemu {
-    /// Boots an image.
+    /// Boots an image whose slot clock waits for the test: a slot is a minute, so that a loaded machine decides nothing.
     ///
     /// # Panics
     /// If QEMU is missing or does not start: a check that cannot run has failed.
     pub fn boot(elf: &Path) -> Self {
-        let directory = tempfile::tempdir().unwrap_or_else(|error| panic!("no temporary directory: {error}"));
-        let socket = |name: &str| directory.path().join(name);
-        let listen = |name: &str| format!("unix:{},server=on,wait=off", socket(name).display());
-        let process = Command::new(EMULATOR)
-            .args(["-machine", "netduinoplus2", "-display", "none", "-kernel"])
-            .arg(elf)
-            .arg("-serial")
-            .arg(listen("line"))
-            .args(["-monitor", "none", "-qmp"])
-            .arg(listen("monitor"))
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .unwrap_or_else(|error| {
-                panic!(
-                    "{EMULATOR} does not start: {error}; install it with `apt-get install qemu-system-arm` or `brew install qemu`"
-                )
-            });
-        // From here on the process must not outlive a panic.
-        let mut process = Ending(Some(process));
-        let line = connect(&socket("line"), &mut process);
-        let mut monitor = connect(&socket("monitor"), &mut process);
-        let opened = monitor
-            .set_read_timeout(Some(START_LIMIT))
-            .and_then(|()| writeln!(monitor, "{}", json!({ "execute": "qmp_capabilities" })));
-        opened.unwrap_or_else(|error| panic!("the emulator's monitor: {error}"));
-        let process = process.0.take().unwrap_or_else(|| unreachable!("taken once"));
-        let mut qemu = Self {
-            process,
-            line,
-            monitor: BufReader::new(monitor),
-            directory,
-            receiver: Receiver::default(),
-            received: std::collections::VecDeque::new(),
-        };
-        qemu.wait_until_it_listens();
+        Self::boot_with(elf, Vec::new())
+    }
+
+    /// The same with files in memory.
+    ///
+    /// # Panics
+    /// As [`Qemu::boot`].
+    pub fn boot_with(elf: &Path, loaded: Vec<(u32, PathBuf)>) -> Self {
+        let mut qemu = Self::boot_on_time(elf, loaded);
+        qemu.set_slot_microseconds(SlotLength::MAX_MICROSECONDS);
         qemu
     }
 
-    /// What comes before the receiver is on is lost, as on a real line.
-    fn wait_until_it_listens(&mut self) {
-        const USART1_CR1: u64 = 0x4001_100c;
-        const ENABLED: u32 = 1 << 13 | 1 << 2;
-        let deadline = Instant::now() + START_LIMIT;
-        while self.register(USART1_CR1) & ENABLED != ENABLED {
-            assert!(
-                Instant::now() < deadline,
-                "the image does not open its serial line"
-            );
-            std::thread::sleep(Duration::from_millis(2));
-        }
+    /// An image whose slots are 1 ms of the machine's time.
+    ///
+    /// # Panics
+    /// As [`Qemu::boot`].
+    pub fn boot_on_time(elf: &Path, loaded: Vec<(u32, PathBuf)>) -> Self {
+        let setup = Setup {
+            name: "unit under test".to_owned(),
+            elf: elf.to_owned(),
+            loaded,
+            ..Setup::default()
+        };
+        Self(Emulator::boot(&setup).unwrap_or_else(|error| panic!("{error}")))
     }
 
-    /// A peripheral's register.
-    fn register(&mut self, address: u64) -> u32 {
-        let answer = self.ask(&format!("xp /1wx {address:#x}"));
-        let value = answer.split_once(": 0x").map(|(_, value)| value.trim());
-        value
-            .and_then(|value| u32::from_str_radix(value, 16).ok())
-            .unwrap_or_else(|| panic!("the emulator's monitor answers {answer:?}"))
-    }
-
-    /// What the emulator's human monitor says to a command, over the machine protocol (QMP: a line of JSON each way).
-    fn ask(&mut self, command: &str) -> String {
-        let question = json!({
-            "execute": "human-monitor-command",
-            "arguments": { "command-line": command },
-        });
-        writeln!(self.monitor.get_mut(), "{question}")
-            .unwrap_or_else(|error| panic!("the emulator's monitor is closed: {error}"));
-        loop {
-            let mut line = String::new();
-            match self.monitor.read_line(&mut line) {
-                Ok(0) => panic!("the emulator ended"),
-                Err(error) => panic!("the emulator's monitor: {error}"),
-                Ok(_) => {}
-            }
-            let message: Value = serde_json::from_str(&line)
-                .unwrap_or_else(|error| panic!("the emulator's monitor says {line:?}: {error}"));
-            assert!(message.get("error").is_none(), "{command}: {message}");
-            // Greeting, events and the empty answer to the opening come by, too.
-            if let Some(answer) = message.get("return").and_then(Value::as_str) {
-                return answer.trim().to_owned();
-            }
-        }
+    /// Sets how long a slot is.
+    pub fn set_slot_microseconds(&mut self, microseconds: u32) {
+        let frame = encode(&ModemFrame::SlotLength { microseconds }).unwrap();
+        self.send(&frame);
     }
 
     /// Sends bytes to the unit.
@@ -123,39 +58,37 @@ impl Qemu {
     /// # Panics
     /// If the emulator is gone.
     pub fn send(&mut self, bytes: &[u8]) {
-        self.line
-            .write_all(bytes)
-            .unwrap_or_else(|error| panic!("the emulator's line is closed: {error}"));
+        self.0.send(bytes).unwrap_or_else(|error| panic!("{error}"));
     }
 
-    /// The unit's next frame, or `None` if none arrives in time.
+    /// The unit's next decision, or `None` if none arrives in time.
     ///
     /// # Panics
-    /// If the emulator is gone, or if what arrives is no frame: the emulated line does not lose bytes.
+    /// If the emulator is gone, or if what arrives is no decision.
     pub fn receive(&mut self, limit: Duration) -> Option<UnitFrame> {
-        let deadline = Instant::now() + limit;
+        match self.message(limit)? {
+            UnitMessage::Decision(frame) => Some(frame),
+            UnitMessage::Update(answer) => panic!("expected a decision, found {answer:?}"),
+        }
+    }
+
+    /// The unit's next answer to a step of an update, with the decisions that came before it.
+    ///
+    /// # Panics
+    /// If the emulator is gone, or if none arrives in time.
+    pub fn receive_update(&mut self, limit: Duration) -> (UpdateAnswer, Vec<UnitFrame>) {
+        let mut decisions = Vec::new();
         loop {
-            while let Some(byte) = self.received.pop_front() {
-                match self.receiver.push(byte) {
-                    None => {}
-                    Some(Ok(frame)) => return Some(frame),
-                    Some(Err(error)) => panic!("the unit sent no frame: {error}"),
-                }
-            }
-            let left = deadline.checked_duration_since(Instant::now())?;
-            let mut bytes = [0; 4096];
-            let _ = self
-                .line
-                .set_read_timeout(Some(left.max(Duration::from_millis(1))));
-            match self.line.read(&mut bytes) {
-                Ok(0) => panic!("the emulator ended"),
-                Ok(count) => self.received.extend(&bytes[..count]),
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                    return None;
-                }
-                Err(error) => panic!("the emulator's line: {error}"),
+            match self.message(limit) {
+                None => panic!("no answer to an update"),
+                Some(UnitMessage::Decision(frame)) => decisions.push(frame),
+                Some(UnitMessage::Update(answer)) => return (answer, decisions),
             }
         }
+    }
+
+    fn message(&mut self, limit: Duration) -> Option<UnitMessage> {
+        self.0.receive(limit).unwrap_or_else(|error| panic!("{error}"))
     }
 
     /// A stretch of the emulated memory, as it is now.
@@ -163,55 +96,25 @@ impl Qemu {
     /// # Panics
     /// If the emulator does not answer.
     pub fn memory(&mut self, address: u64, length: usize) -> Vec<u8> {
-        let file = self.directory.path().join("memory");
-        let answer = self.ask(&format!(
-            "pmemsave {address:#x} {length:#x} \"{}\"",
-            file.display()
-        ));
-        let bytes = std::fs::read(&file).unwrap_or_default();
-        assert_eq!(
-            bytes.len(),
-            length,
-            "the emulator's monitor saved too little: {answer}"
-        );
+        let bytes = self
+            .0
+            .memory(address, length)
+            .unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(bytes.len(), length, "the emulator saved too little");
         bytes
     }
-}
 
-impl Drop for Qemu {
-    fn drop(&mut self) {
-        end(&mut self.process);
-    }
-}
-
-struct Ending(Option<Child>);
-
-impl Drop for Ending {
-    fn drop(&mut self) {
-        if let Some(process) = &mut self.0 {
-            end(process);
-        }
-    }
-}
-
-fn end(process: &mut Child) {
-    let _ = process.kill();
-    let _ = process.wait();
-}
-
-fn connect(socket: &Path, process: &mut Ending) -> UnixStream {
-    let deadline = Instant::now() + START_LIMIT;
-    loop {
-        match UnixStream::connect(socket) {
-            Ok(stream) => return stream,
-            Err(error) if Instant::now() > deadline => {
-                panic!("{EMULATOR} opens no {}: {error}", socket.display())
-            }
-            Err(_) => {}
-        }
-        if let Some(Ok(Some(status))) = process.0.as_mut().map(Child::try_wait) {
-            panic!("{EMULATOR} ended at once: {status}");
-        }
-        std::thread::sleep(Duration::from_millis(5));
+    /// RAM is zero when the emulator starts, so the lowest word of the stack that is not tells how far it went.
+    ///
+    /// # Panics
+    /// If it went into the reserve.
+    pub fn assert_stack_is_within_budget(&mut self) {
+        let memory = self.memory(STACK, STACK_LENGTH);
+        let stack = memory.len() - memory.iter().position(|&byte| byte != 0).unwrap_or(memory.len());
+        println!("stack {stack} bytes at most of {STACK_LENGTH}");
+        assert!(
+            stack > 0 && stack <= STACK_BUDGET,
+            "{stack} bytes of stack, budget {STACK_BUDGET}"
+        );
     }
 }

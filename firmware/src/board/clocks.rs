@@ -35,12 +35,17 @@ pub enum Clocks {
     Crystal,
     /// The internal oscillator, with every bus undivided.
     Internal,
+    /// None that says anything: QEMU, whose core counts time as if it ran at 168 MHz, and its timers as if at 1 GHz.
+    Emulated,
 }
 
 impl Clocks {
     /// Raises the clock as far as the hardware confirms.
     pub fn start(rcc: &RCC, flash: &FLASH) -> Self {
-        if crystal_and_pll(rcc).is_some() && slow_flash(flash).is_some() && switch(rcc).is_some() {
+        // The oscillator that the core is running on at this moment says that it is not ready.
+        if rcc.cr().read().hsirdy().bit_is_clear() {
+            Self::Emulated
+        } else if crystal_and_pll(rcc).is_some() && slow_flash(flash).is_some() && switch(rcc).is_some() {
             Self::Crystal
         } else {
             fall_back(rcc);
@@ -49,10 +54,9 @@ impl Clocks {
     }
 
     /// The core's clock.
-    #[cfg(feature = "defmt")]
     pub const fn core_hz(self) -> u32 {
         match self {
-            Self::Crystal => PLL_HZ,
+            Self::Crystal | Self::Emulated => PLL_HZ,
             Self::Internal => HSI_HZ,
         }
     }
@@ -61,7 +65,17 @@ impl Clocks {
     pub const fn apb2_hz(self) -> u32 {
         match self {
             Self::Crystal => PLL_HZ / APB2_DIVIDER,
-            Self::Internal => HSI_HZ,
+            Self::Internal | Self::Emulated => HSI_HZ,
+        }
+    }
+
+    /// How many steps TIM2 counts in a microsecond. Timers of a divided bus run at twice its clock (RM0090 section 7.2):
+    /// 84 MHz with the crystal.
+    pub const fn timer_steps_per_microsecond(self) -> u32 {
+        match self {
+            Self::Crystal => PLL_HZ / 2 / 1_000_000,
+            Self::Internal => HSI_HZ / 1_000_000,
+            Self::Emulated => 1_000,
         }
     }
 }

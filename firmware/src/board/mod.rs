@@ -1,109 +1,242 @@
-//! The image for the STM32F405: everything that touches a register, and the loop around [`firmware::unit::Unit`].
+//! The image for the STM32F405: everything that touches a register, and the tasks around [`firmware::session::Session`].
 //!
 //! It is part of the binary, not of the library: the library then stays free of target-only code, and another board is
-//! another `board` module with the same few lines of loop.
+//! another `board` module with the same few tasks.
 //!
-//! Nothing here panics. A unit that cannot start sends nothing, which the modem takes for silence.
+//! # Tasks
+//! [RTIC](https://rtic.rs) gives each interrupt a task with a priority, and its compile-time analysis the locks: no deadlock, no
+//! priority inversion, one stack. All tasks are interrupts; none needs an executor.
+//!
+//! | priority | task | what it does |
+//! |---|---|---|
+//! | 3 | `line` (USART1) | bytes between the line and two queues |
+//! | 2 | `tick` (SysTick) | counts a tick, whatever the modem does |
+//! | 1 | `decide` (EXTI0, pended by the others) | frames and overdue slots to decisions; feeds the watchdog |
+//! | 0 | `idle` | table updates: flash and signatures; sleep |
+//!
+//! `decide` preempts an update, so slots are decided while a signature is checked; the exception is a sector's erase
+//! ([`flash`]).
+//!
+//! Nothing on the way from a frame to its answer can panic; the feature `no-panic-proof` makes the linker prove it.
 
 mod clocks;
 mod device_id;
+mod flash;
+mod log;
 mod panic;
 mod serial;
+mod slot_timer;
+mod stopwatch;
+mod watchdog;
 
-use clocks::Clocks;
-use cortex_m::asm;
-use firmware::link::{ModemFrame, Receiver, UnitFrame, encode};
+use firmware::link::{UnitMessage, UpdateAnswer, UpdateFrame, encode};
+use firmware::session::{Request, Session};
+use firmware::table_store::{Key, TableStore};
 use firmware::tables::DISTILLED;
-use firmware::telemetry::Telemetry;
 use firmware::unit::{Unit, back_off};
+use flash::Flash;
 use rand_pcg::Pcg32;
-use serial::Serial;
-use stm32f4::stm32f405::Peripherals;
+use serial::{Received, Serial, ToSend};
+use slot_timer::SlotTimer;
+use stopwatch::Stopwatch;
+use watchdog::Watchdog;
 
-/// Slots between two telemetry records: one second.
-#[cfg(feature = "defmt")]
-const TELEMETRY_SLOTS: u32 = 1000;
+/// What an update's step came to.
+pub struct Reply {
+    answer: UpdateAnswer,
+    /// The table that runs from now on.
+    table: Option<&'static [u8]>,
+}
 
-#[cortex_m_rt::entry]
-fn main() -> ! {
-    // Neither can be taken already at reset; a unit for which they are stays silent.
-    if let Some(peripherals) = Peripherals::take()
-        && let Some(unit) = unit(device_id::read(&peripherals.RCC))
-    {
-        let clocks = Clocks::start(&peripherals.RCC, &peripherals.FLASH);
+/// Says in the image which key it trusts.
+#[used]
+static TABLE_KEY_KIND: &str = Key::KIND;
+
+/// The running table: the store's, or the built-in one.
+fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
+    match store.active() {
+        Some(active) => active.table(Flash::running(active.slot)),
+        // The optimiser must not read the table at build time: what counts is what the flash holds when the unit starts.
+        None => core::hint::black_box(DISTILLED),
+    }
+}
+
+/// The session over a table, in a static place. A function of its own, because the 4 KiB of stack on which the session is built
+/// must not lie under the signature checks of the store; `None` if it was called before.
+#[inline(never)]
+#[allow(
+    clippy::mut_from_ref,
+    reason = "the session is borrowed from a place that is handed out once, not from the table"
+)]
+fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static, Pcg32>> {
+    cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::new(table, back_off(identity))))
+}
+
+#[allow(unsafe_code, reason = "RTIC's own; its analysis stands for its safety")]
+#[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
+mod app {
+    use super::*;
+    use stm32f4::stm32f405::Interrupt;
+
+    #[shared]
+    struct Shared {
+        received: Received,
+        to_send: ToSend,
+        update: Option<UpdateFrame>,
+        reply: Option<Reply>,
+    }
+
+    #[local]
+    struct Local {
+        serial: Serial,
+        session: &'static mut Session<'static, Pcg32>,
+        slot_timer: SlotTimer,
+        stopwatch: Stopwatch,
+        watchdog: Watchdog,
+        store: TableStore<Flash>,
+    }
+
+    #[init]
+    fn init(cx: init::Context) -> (Shared, Local) {
+        let device = cx.device;
+        let watchdog = Watchdog::start(device.IWDG);
+        let identity = device_id::read(&device.RCC);
+        let clocks = clocks::Clocks::start(&device.RCC, &device.FLASH);
         #[cfg(feature = "defmt")]
         defmt::info!(
-            "core clock {=u32} Hz, serial line {=u32} baud",
+            "core clock {=u32} Hz, serial line {=u32} baud, {=str}",
             clocks.core_hz(),
-            serial::actual_baud(clocks)
+            serial::actual_baud(clocks),
+            TABLE_KEY_KIND,
         );
-        let serial = Serial::start(peripherals.USART1, &peripherals.GPIOA, &peripherals.RCC, clocks);
-        run(unit, serial)
+        let store = TableStore::boot(Flash::new(device.FLASH), Key::BUILT_IN);
+        let Some(session) = session(running_table(&store), identity) else {
+            // Reset comes once. The watchdog makes another.
+            loop {
+                cortex_m::asm::wfi();
+            }
+        };
+        let stopwatch = Stopwatch::start(device.TIM2, &device.RCC, clocks);
+        let slot_timer = SlotTimer::start(cx.core.SYST, clocks, session.clock().tick_microseconds());
+        let serial = Serial::start(device.USART1, &device.GPIOA, &device.RCC, clocks);
+        (
+            Shared {
+                received: Received::new(),
+                to_send: ToSend::new(),
+                update: None,
+                reply: None,
+            },
+            Local {
+                serial,
+                session,
+                slot_timer,
+                stopwatch,
+                watchdog,
+                store,
+            },
+        )
     }
-    loop {
-        asm::wfi();
+
+    #[task(binds = USART1, priority = 3, local = [serial], shared = [received, to_send])]
+    fn line(cx: line::Context) {
+        let serial = cx.local.serial;
+        (cx.shared.received, cx.shared.to_send).lock(|received, to_send| serial.service(received, to_send));
+        rtic::pend(Interrupt::EXTI0);
     }
-}
 
-/// The unit, over the built-in table. Static, so that the image's RAM shows in the ELF and not only on the stack.
-fn unit(device: [u32; 3]) -> Option<&'static mut Unit<'static, Pcg32>> {
-    // The optimiser must not read the table at build time: what counts is what the flash holds when the unit starts.
-    let table = core::hint::black_box(DISTILLED);
-    cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(table, back_off(device)))
-}
+    #[task(binds = SysTick, priority = 2)]
+    fn tick(_: tick::Context) {
+        slot_timer::tick();
+        rtic::pend(Interrupt::EXTI0);
+    }
 
-/// One answer for every slot. The modem's frames are the clock: a slot without a frame is a slot without a
-/// transmission.
-fn run(unit: &mut Unit<'static, Pcg32>, mut serial: Serial) -> ! {
-    let mut receiver = Receiver::default();
-    let mut telemetry = Telemetry::default();
-    loop {
-        let Some(byte) = serial.read() else {
-            serial.wait();
-            continue;
+    #[task(
+        binds = EXTI0, priority = 1,
+        local = [session, slot_timer, stopwatch, watchdog],
+        shared = [received, to_send, update, reply],
+    )]
+    fn decide(mut cx: decide::Context) {
+        let (session, slot_timer, stopwatch) = (cx.local.session, cx.local.slot_timer, cx.local.stopwatch);
+        let mut send = |message: &UnitMessage| {
+            if let Ok(frame) = encode(message) {
+                cx.shared.to_send.lock(|to_send| serial::queue(to_send, &frame));
+                rtic::pend(Interrupt::USART1);
+            }
         };
-        let event = match receiver.push::<ModemFrame>(byte) {
-            None => continue,
-            Some(frame) => frame.ok().and_then(|frame| frame.event().ok()),
-        };
-        let Some(event) = event else {
-            telemetry.dropped_frames = telemetry.dropped_frames.saturating_add(1);
-            continue;
-        };
-        let Some(report) = unit.slot(&event) else { continue };
-        if let Ok(frame) = encode(&UnitFrame::from(&report)) {
-            serial.write(&frame);
+
+        if let Some(reply) = cx.shared.reply.lock(Option::take) {
+            if let Some(table) = reply.table {
+                session.replace_table(table);
+            }
+            send(&UnitMessage::Update(reply.answer));
         }
-        telemetry.count(&report);
-        log(&telemetry, report.slot.0);
+        // Bytes before ticks: a frame that is complete is not overdue.
+        while let Some(byte) = cx.shared.received.lock(Received::pop_front) {
+            let start = stopwatch.now();
+            let request = session.byte(byte);
+            if let Some(tick_microseconds) = session.timer_restart() {
+                slot_timer.restart(tick_microseconds);
+            }
+            match request {
+                None => {}
+                Some(Request::Answer(message)) => {
+                    send(&message);
+                    stopwatch.answered(start);
+                    log::decided(
+                        session.telemetry(),
+                        session.unit().last_slot().map_or(0, |slot| slot.0),
+                    );
+                }
+                Some(Request::Update(step)) => {
+                    let busy = cx.shared.update.lock(|update| {
+                        let busy = update.is_some();
+                        update.get_or_insert(step);
+                        busy
+                    });
+                    if busy {
+                        send(&UnitMessage::Update(UpdateAnswer::Busy));
+                    }
+                }
+            }
+        }
+        let ticks = slot_timer.take();
+        for _ in 0..ticks {
+            if let Some(Request::Answer(message)) = session.tick() {
+                send(&message);
+                log::decided(
+                    session.telemetry(),
+                    session.unit().last_slot().map_or(0, |slot| slot.0),
+                );
+            }
+        }
+        if ticks > 0 {
+            cx.local.watchdog.feed();
+        }
     }
-}
 
-#[cfg(not(feature = "defmt"))]
-const fn log(_: &Telemetry, _: u32) {}
-
-#[cfg(feature = "defmt")]
-fn log(telemetry: &Telemetry, slot: u32) {
-    timestamp::SLOT.store(slot, core::sync::atomic::Ordering::Relaxed);
-    if telemetry.slots.is_multiple_of(TELEMETRY_SLOTS) {
-        defmt::info!(
-            "slots {=u32}, transmissions {=u32}, degraded {=u32}, dropped frames {=u32}, mean power {=f32} mW",
-            telemetry.slots,
-            telemetry.transmissions,
-            telemetry.degraded,
-            telemetry.dropped_frames,
-            telemetry.mean_power_mw()
-        );
+    #[idle(local = [store], shared = [update, reply])]
+    fn idle(mut cx: idle::Context) -> ! {
+        let store = cx.local.store;
+        loop {
+            // It stays in its place while it is worked on, which makes the unit busy.
+            let Some(step) = cx.shared.update.lock(|update| *update) else {
+                // A task between the test and the instruction would be slept through. With interrupts off it stays pending, and
+                // that ends WFI (ARMv7-M Architecture Reference Manual, "Wait For Interrupt").
+                cortex_m::interrupt::free(|_| {
+                    if cx.shared.update.lock(|update| update.is_none()) {
+                        cortex_m::asm::wfi();
+                    }
+                });
+                continue;
+            };
+            let answer = store.step(&step);
+            let activated = matches!(answer, UpdateAnswer::Activated { .. });
+            let table = activated.then(|| running_table(store));
+            cx.shared
+                .reply
+                .lock(|reply| *reply = Some(Reply { answer, table }));
+            cx.shared.update.lock(|update| *update = None);
+            rtic::pend(Interrupt::EXTI0);
+        }
     }
-}
-
-/// Log records carry the last decided slot: the modem's time, which its own log has too.
-#[cfg(feature = "defmt")]
-mod timestamp {
-    use core::sync::atomic::{AtomicU32, Ordering};
-    use defmt_rtt as _;
-
-    pub static SLOT: AtomicU32 = AtomicU32::new(0);
-
-    defmt::timestamp!("slot {=u32}", SLOT.load(Ordering::Relaxed));
 }

@@ -4,16 +4,19 @@ use super::LinkError;
 use crate::decision::Decision;
 use crate::measurement::{Broadcast, Measurement, MeasurementError};
 use crate::table::CHECKSUM;
-use crate::unit::{Event, Report, State};
+use crate::unit::{Event, Report, Silence, State};
 use crate::units::{Dbm, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 /// Room for any frame on the wire with its delimiter. The longest measurement takes 39 bytes: 33 of fields, 4 of checksum,
-/// one of byte stuffing, the delimiter; the longest answer takes 17.
+/// one of byte stuffing, the delimiter; the longest chunk of an update 45, the longest answer 18.
 pub const MAX_FRAME: usize = 64;
 
-/// From the modem, once a slot.
+/// Bytes of a package in one frame (chosen: a multiple of the flash's words that keeps the frame within [`MAX_FRAME`]).
+pub const CHUNK_LEN: usize = 32;
+
+/// From the modem: one of the first two once a slot, the others now and then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ModemFrame {
     /// The slot's readings.
@@ -23,6 +26,83 @@ pub enum ModemFrame {
         /// The slot's index.
         slot: u32,
     },
+    /// How long a slot is, if not 1 ms. A length outside the range of [`crate::slot_clock::SlotLength`] is refused.
+    SlotLength {
+        /// In microseconds.
+        microseconds: u32,
+    },
+    /// A step of a table update.
+    Update(UpdateFrame),
+}
+
+/// One step of a table update. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum UpdateFrame {
+    /// A signed package is coming.
+    Begin {
+        /// Its length in bytes.
+        length: u32,
+    },
+    /// The package's next bytes, in order. The last chunk is filled up with anything.
+    Chunk {
+        /// Where in the package they lie.
+        offset: u32,
+        /// What they are.
+        bytes: [u8; CHUNK_LEN],
+    },
+    /// The package is complete: check it and run it.
+    Commit,
+}
+
+/// What became of a step of a table update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum UpdateAnswer {
+    /// Send the package from here on: after a begin, a chunk, and a chunk that was out of order.
+    Continue {
+        /// Offset of the next chunk.
+        offset: u32,
+    },
+    /// The package is checked and stored, and decides from the next slot on.
+    Activated {
+        /// Its version.
+        version: u32,
+    },
+    /// The update is over; the unit keeps the table it has.
+    Refused(Refusal),
+    /// The step before is still at work; send this one again.
+    Busy,
+}
+
+/// Why an update ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// No update has begun.
+    NotBegun,
+    /// The package is too short or does not fit a slot.
+    Length,
+    /// Chunks are missing.
+    Incomplete,
+    /// The flash does not hold what was written.
+    Flash,
+    /// The package's header is wrong or of a format that this unit does not know.
+    Header,
+    /// The table inside fails its own check, or is for another geometry or another number of sub-channels.
+    Table,
+    /// The version is not above the one that runs.
+    Version,
+    /// The signature is not that of this unit's key.
+    Signature,
+}
+
+/// From the unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum UnitMessage {
+    /// A slot's decision.
+    Decision(UnitFrame),
+    /// What became of a step of a table update.
+    Update(UpdateAnswer),
 }
 
 /// A slot's readings as they are sent; [`Measurement`] says what they mean.
@@ -45,26 +125,24 @@ pub struct MeasurementFrame {
     pub joiner_probability: u8,
 }
 
-/// From the unit, once a slot.
+/// A slot's decision, once a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UnitFrame {
     /// The decided slot.
     pub slot: u32,
     /// `None`: silent. Otherwise the sub-channel and the power in 1/256 dBm.
     pub transmit: Option<(u8, i16)>,
-    /// [`State`] by its order: 0 nominal, 1 degraded, 2 no table, 3 no measurement.
+    /// [`State`]: 0 nominal, 1 degraded, 2 silent without a table, 3 silent without a measurement.
     pub state: u8,
 }
 
 impl ModemFrame {
-    /// The event that the frame reports.
-    ///
-    /// # Errors
-    /// The first reading that cannot be.
-    pub fn event(&self) -> Result<Event, MeasurementError> {
+    /// The event that the frame reports, or the first reading that cannot be; `None` if it reports no slot.
+    pub fn event(&self) -> Option<Result<Event, MeasurementError>> {
         match self {
-            Self::Missed { slot } => Ok(Event::Missed(SlotIndex(*slot))),
-            Self::Measurement(frame) => frame.measurement().map(Event::Measured),
+            Self::Missed { slot } => Some(Ok(Event::Missed(SlotIndex(*slot)))),
+            Self::Measurement(frame) => Some(frame.measurement().map(Event::Measured)),
+            Self::SlotLength { .. } | Self::Update(_) => None,
         }
     }
 }
@@ -118,8 +196,8 @@ impl From<&Report> for UnitFrame {
             state: match report.state {
                 State::Nominal => 0,
                 State::Degraded => 1,
-                State::NoTable => 2,
-                State::NoMeasurement => 3,
+                State::Silent(Silence::NoTable) => 2,
+                State::Silent(Silence::NoMeasurement) => 3,
             },
         }
     }

@@ -4,5 +4,8 @@
 mod frame;
 mod receiver;
 
-pub use frame::{MAX_FRAME, MeasurementFrame, ModemFrame, UnitFrame, encode};
+pub use frame::{
+    CHUNK_LEN, MAX_FRAME, MeasurementFrame, ModemFrame, Refusal, UnitFrame, UnitMessage, UpdateAnswer,
+    UpdateFrame, encode,
+};
 pub use receiver::{LinkError, Receiver};

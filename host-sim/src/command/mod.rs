@@ -3,6 +3,7 @@
 pub mod assign;
 pub mod closed_loop;
 pub mod figures;
+pub mod hil;
 pub mod options;
 pub mod run;
 

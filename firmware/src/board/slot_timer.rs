@@ -1,0 +1,51 @@
+//! The ticks of the slot clock: SysTick, which the core has and an emulator too. It fires whatever the modem does.
+
+use super::clocks::Clocks;
+use core::sync::atomic::{AtomicU32, Ordering};
+use cortex_m::peripheral::SYST;
+use cortex_m::peripheral::syst::SystClkSource;
+
+/// Ticks that the decision task has not seen yet.
+static TICKS: AtomicU32 = AtomicU32::new(0);
+
+/// What SysTick can count.
+const MAX_RELOAD: u32 = 0x00ff_ffff;
+
+/// The timer.
+pub struct SlotTimer {
+    timer: SYST,
+    steps_per_microsecond: u32,
+}
+
+impl SlotTimer {
+    /// Starts ticking.
+    pub fn start(mut timer: SYST, clocks: Clocks, tick_microseconds: u32) -> Self {
+        timer.set_clock_source(SystClkSource::Core);
+        timer.enable_interrupt();
+        let mut timer = Self {
+            timer,
+            steps_per_microsecond: clocks.core_hz() / 1_000_000,
+        };
+        timer.restart(tick_microseconds);
+        timer.timer.enable_counter();
+        timer
+    }
+
+    /// Begins a tick of this length now, and forgets those before.
+    pub fn restart(&mut self, tick_microseconds: u32) {
+        let steps = tick_microseconds.saturating_mul(self.steps_per_microsecond);
+        self.timer.set_reload(steps.saturating_sub(1).min(MAX_RELOAD));
+        self.timer.clear_current();
+        TICKS.store(0, Ordering::Relaxed);
+    }
+
+    /// Ticks since the last call.
+    pub fn take(&mut self) -> u32 {
+        TICKS.swap(0, Ordering::Relaxed)
+    }
+}
+
+/// Counts one tick; for the interrupt.
+pub fn tick() {
+    TICKS.fetch_add(1, Ordering::Relaxed);
+}

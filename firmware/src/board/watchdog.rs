@@ -1,0 +1,48 @@
+//! The independent watchdog: restarts the chip when the unit hangs.
+//!
+//! It runs on an oscillator of its own and cannot be stopped. It is fed by a finished round of the decision task in which the
+//! slot clock had ticked, so both must be alive; an idle modem does not matter.
+
+use stm32f4::stm32f405::IWDG;
+
+/// 32 kHz / 32: the oscillator is between 17 and 47 kHz (data sheet, table 41).
+const STEPS_PER_SECOND: u16 = 1_000;
+/// 2 s nominal, 1.4 to 3.8 in fact (chosen): the longest that a healthy unit does not tick is a sector's erase, 0.5 s, during
+/// which the core cannot fetch, and at 16 MHz two signatures at boot.
+const TIMEOUT: u16 = 2 * STEPS_PER_SECOND;
+
+/// Reads before a register counts as written: it takes five periods of the oscillator, 0.3 ms, and a read takes four cycles
+/// at least. It must end: an emulator without a watchdog gives up here.
+const POLLS: u32 = 20_000;
+
+/// The running watchdog.
+pub struct Watchdog(IWDG);
+
+impl Watchdog {
+    /// Starts it. From here on the chip restarts unless it is fed.
+    pub fn start(watchdog: IWDG) -> Self {
+        // The keys of RM0090 section 21.4.1: start, then allow writing.
+        Self::command(&watchdog, 0xcccc);
+        Self::command(&watchdog, 0x5555);
+        watchdog.pr().write(|w| w.pr().divide_by32());
+        watchdog.rlr().write(|w| w.rl().set(TIMEOUT));
+        let _ = (0..POLLS).any(|_| watchdog.sr().read().bits() == 0);
+        let watchdog = Self(watchdog);
+        watchdog.feed();
+        watchdog
+    }
+
+    /// Puts the restart off.
+    pub fn feed(&self) {
+        Self::command(&self.0, 0xaaaa);
+    }
+
+    fn command(watchdog: &IWDG, key: u16) {
+        // SAFETY: the key register takes any value, and knows three.
+        #[allow(
+            unsafe_code,
+            reason = "the register description lacks the start key as a value"
+        )]
+        watchdog.kr().write(|w| unsafe { w.key().bits(key) });
+    }
+}

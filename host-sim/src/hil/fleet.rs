@@ -1,0 +1,206 @@
+//! The slots of a cell whose first vehicles are emulated images, each shadowed by the library's unit.
+
+use super::emulator::{Emulator, Setup};
+use super::image::Image;
+use crate::age::{AgeSummary, WorldAges};
+use crate::cell::Cell;
+use crate::error::{Error, Result};
+use crate::mobility::{Mobility, MobilitySource};
+use crate::scenario::Scenario;
+use crate::stream::{Purpose, Role, Stream, WorldKey};
+use firmware::decision::Decision;
+use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
+use firmware::slot_clock::SlotLength;
+use firmware::unit::{Event, Unit, back_off};
+use rand_pcg::Pcg32;
+use std::time::Duration;
+
+/// An instruction takes 16 ns of virtual time, 2.7 cycles at 168 MHz. Modelled at zero wait states the decision path takes
+/// 1.6 cycles an instruction, so a deadline that is met here has room for wait states.
+pub const INSTRUCTION_SHIFT: u8 = 4;
+
+/// TIM2 of the emulated machine counts nanoseconds.
+const TIMER_STEPS_PER_INSTRUCTION: u32 = 1 << INSTRUCTION_SHIFT;
+
+/// For one answer. An answer takes well under a millisecond; the machine may be loaded.
+const ANSWER_LIMIT: Duration = Duration::from_secs(30);
+
+/// What is run.
+#[derive(Clone, Debug)]
+pub struct Fleet<'a> {
+    /// The cell.
+    pub scenario: &'a Scenario,
+    /// The image.
+    pub image: &'a Image,
+    /// How many vehicles are emulated, from the first.
+    pub units: u32,
+    /// How many slots.
+    pub slots: u32,
+    /// The world's seed.
+    pub seed: u64,
+    /// First port of the units' serial lines; free ones without it.
+    pub port: Option<u16>,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FleetResult {
+    /// Decisions of the images that are not the library's, and missing ones.
+    pub mismatches: u64,
+    /// Answers that took longer than the slot leaves, by the images' own timers, and missing ones.
+    pub deadline_misses: u64,
+    /// Answers of the images.
+    pub answers: u64,
+    /// Fewest instructions from a frame's last byte to its queued answer.
+    pub min_instructions: u32,
+    /// Most.
+    pub max_instructions: u32,
+    /// Ages of all vehicles.
+    pub ages: AgeSummary,
+}
+
+/// A vehicle's emulated image and its shadow. The emulated chip's identity reads 0.
+struct Pair {
+    image: Emulator,
+    shadow: Unit<'static, Pcg32>,
+}
+
+impl Fleet<'_> {
+    /// Boots the images and runs the slots.
+    ///
+    /// # Errors
+    /// As [`Emulator::boot`], and if an image ends before its time.
+    pub fn run(&self, mut each_slot: impl FnMut()) -> Result<FleetResult> {
+        let key = WorldKey {
+            seed: self.seed,
+            purpose: Purpose::Evaluation,
+            world: 0,
+        };
+        let mobility = Mobility::new(&MobilitySource::Grid, self.scenario, &key);
+        let mut cell = Cell::new(self.scenario, mobility, &key);
+        let mut pairs = (0..self.units)
+            .map(|unit| self.boot(unit))
+            .collect::<Result<Vec<_>>>()?;
+        let mut others: Vec<Unit<'static, Stream>> = (0..cell.vehicles())
+            .map(|vehicle| {
+                Unit::new(
+                    firmware::tables::DISTILLED,
+                    key.stream(Role::BackOff, vehicle as u32),
+                )
+            })
+            .collect();
+        let mut world = WorldAges::new(0, cell.vehicles());
+        let (mut mismatches, mut missing) = (0, 0);
+        let mut decisions = vec![Decision::Silent; cell.vehicles()];
+        for slot in 0..self.slots {
+            decisions.fill(Decision::Silent);
+            let events: Vec<(usize, Event)> = cell
+                .present()
+                .iter()
+                .map(|&vehicle| {
+                    let measurement = cell.measurement(vehicle);
+                    (
+                        vehicle,
+                        measurement.map_or(Event::Missed(cell.slot()), Event::Measured),
+                    )
+                })
+                .collect();
+            // All frames first: the emulators work side by side.
+            for (vehicle, event) in &events {
+                match pairs.get_mut(*vehicle) {
+                    Some(pair) => pair.image.send(&frame(event)?)?,
+                    None => {
+                        let report = others[*vehicle].slot(event);
+                        decisions[*vehicle] = report.map_or(Decision::Silent, |report| report.decision);
+                    }
+                }
+            }
+            for (vehicle, event) in &events {
+                let Some(pair) = pairs.get_mut(*vehicle) else {
+                    continue;
+                };
+                let expected = pair.shadow.slot(event).map(|report| UnitFrame::from(&report));
+                let answer = match pair.image.receive(ANSWER_LIMIT)? {
+                    Some(UnitMessage::Decision(answer)) => Some(answer),
+                    _ => None,
+                };
+                mismatches += u64::from(answer != expected);
+                missing += u64::from(answer.is_none());
+                decisions[*vehicle] = answer
+                    .and_then(|answer| answer.decision())
+                    .unwrap_or(Decision::Silent);
+            }
+            let successes = cell.step(&decisions).received.len();
+            let ages = cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle)));
+            world.record(slot, ages, successes);
+            each_slot();
+        }
+        let ages =
+            AgeSummary::new(&[world]).ok_or_else(|| Error::input("slots", self.slots, "at least one"))?;
+        let mut result = FleetResult {
+            mismatches,
+            deadline_misses: missing,
+            answers: 0,
+            min_instructions: u32::MAX,
+            max_instructions: 0,
+            ages,
+        };
+        for pair in &mut pairs {
+            self.add_cost(&mut pair.image, &mut result)?;
+        }
+        Ok(result)
+    }
+
+    fn boot(&self, unit: u32) -> Result<Pair> {
+        let port = self.port.map(|port| u32::from(port) + unit);
+        let port = port
+            .map(|port| u16::try_from(port).map_err(|_| Error::input("--port", port, "ports up to 65535")))
+            .transpose()?;
+        let mut image = Emulator::boot(&Setup {
+            name: format!("unit {unit}"),
+            elf: self.image.path.clone(),
+            instruction_shift: Some(INSTRUCTION_SHIFT),
+            loaded: Vec::new(),
+            port,
+        })?;
+        // The simulation is this unit's modem, and steps as slowly as the machine lets it.
+        image.send(&encoded(&ModemFrame::SlotLength {
+            microseconds: SlotLength::MAX_MICROSECONDS,
+        })?)?;
+        Ok(Pair {
+            image,
+            shadow: Unit::new(firmware::tables::DISTILLED, back_off([0; 3])),
+        })
+    }
+
+    /// Adds what an image has counted: answers, fewest and most timer steps, missed deadlines.
+    fn add_cost(&self, image: &mut Emulator, result: &mut FleetResult) -> Result<()> {
+        let bytes = image.memory(self.image.slot_cost, 16)?;
+        let words: Vec<u32> = bytes
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|word| u32::from_le_bytes(*word))
+            .collect();
+        let [answers, minimum, maximum, misses] = words.as_slice() else {
+            return Err(Error::input("SLOT_COST", bytes.len(), "16 bytes"));
+        };
+        result.answers += u64::from(*answers);
+        result.deadline_misses += u64::from(*misses);
+        result.min_instructions = result.min_instructions.min(minimum / TIMER_STEPS_PER_INSTRUCTION);
+        result.max_instructions = result.max_instructions.max(maximum / TIMER_STEPS_PER_INSTRUCTION);
+        Ok(())
+    }
+}
+
+fn frame(event: &Event) -> Result<Vec<u8>> {
+    encoded(&match event {
+        Event::Measured(measurement) => ModemFrame::Measurement(measurement.into()),
+        Event::Missed(slot) => ModemFrame::Missed { slot: slot.0 },
+    })
+}
+
+fn encoded(frame: &ModemFrame) -> Result<Vec<u8>> {
+    let bytes = encode(frame).map_err(|error| Error::input("frame", error, "a frame that fits"))?;
+    Ok(bytes.to_vec())
+}
