@@ -138,6 +138,64 @@ pub(crate) struct OutgoingLink {
     pub(crate) term_node: u32,
 }
 
+/// Links in compressed rows, one row per node that they leave.
+#[derive(Debug, Clone)]
+struct LinkRows {
+    /// Where each node's row begins, and at last where the final row ends.
+    first: Vec<u32>,
+    links: Vec<OutgoingLink>,
+}
+
+impl LinkRows {
+    /// Rows of the `chosen` ones among all `links`; within a row they keep their order.
+    fn new(nodes: u32, links: &[Link], chosen: impl Iterator<Item = u32> + Clone) -> Self {
+        let mut first = vec![0_u32; nodes as usize + 1];
+        for link in chosen.clone() {
+            first[links[link as usize].init_node as usize] += 1;
+        }
+        for node in 1..first.len() {
+            first[node] += first[node - 1];
+        }
+        let mut by_init_node: Vec<u32> = chosen.collect();
+        by_init_node.sort_by_key(|&link| links[link as usize].init_node);
+        let outgoing = |link| OutgoingLink {
+            link,
+            term_node: links[link as usize].term_node - 1,
+        };
+        Self {
+            first,
+            links: by_init_node.into_iter().map(outgoing).collect(),
+        }
+    }
+
+    #[inline]
+    fn of(&self, node: usize) -> &[OutgoingLink] {
+        &self.links[self.first[node] as usize..self.first[node + 1] as usize]
+    }
+}
+
+/// Which nodes no cheapest path passes through: those that may not be passed, and those with a single neighbour, such as
+/// most zones that hang on the network by one connector each way.
+fn dead_ends(numbering: NodeNumbering, links: &[Link]) -> Vec<bool> {
+    const NOBODY: u32 = 0;
+    const SEVERAL: u32 = u32::MAX;
+    let mut neighbours = vec![NOBODY; numbering.nodes as usize];
+    for link in links {
+        for (node, other) in [(link.init_node, link.term_node), (link.term_node, link.init_node)] {
+            let neighbour = &mut neighbours[node as usize - 1];
+            if *neighbour == NOBODY {
+                *neighbour = other;
+            } else if *neighbour != other {
+                *neighbour = SEVERAL;
+            }
+        }
+    }
+    (1..)
+        .zip(neighbours)
+        .map(|(number, neighbour)| number < numbering.first_thru_node || neighbour != SEVERAL)
+        .collect()
+}
+
 /// A directed network. Links keep the order they were given in; that is the order of every flow and cost vector.
 #[derive(Debug, Clone)]
 pub struct Network {
@@ -147,9 +205,15 @@ pub struct Network {
     volume_delays: Vec<VolumeDelay>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
     init_nodes: Vec<u32>,
-    /// Where each node's row of `outgoing` begins, and at last where the final row ends.
-    first_outgoing: Vec<u32>,
-    outgoing: Vec<OutgoingLink>,
+    /// Index from 0 of the node that each link enters.
+    term_nodes: Vec<u32>,
+    /// All links, by the node they leave.
+    outgoing: LinkRows,
+    /// Links to nodes through which no cheapest path leads, in file order.
+    dead_end_links: Vec<u32>,
+    /// All other links, by the node they leave.
+    through: LinkRows,
+    dead_ends: Vec<bool>,
 }
 
 impl Network {
@@ -166,34 +230,26 @@ impl Network {
             return Err(Error::input("network", links.len(), "fewer than 2^32 links"));
         }
         let mut volume_delays = Vec::with_capacity(links.len());
-        let mut first_outgoing = vec![0_u32; numbering.nodes as usize + 1];
         for (index, link) in links.iter().enumerate() {
             let place = format!("link {}", index + 1);
             numbering.check_node(&place, "init_node", link.init_node)?;
             numbering.check_node(&place, "term_node", link.term_node)?;
             volume_delays.push(link.volume_delay(weights, &place)?);
-            first_outgoing[link.init_node as usize] += 1;
         }
-        for node in 1..first_outgoing.len() {
-            first_outgoing[node] += first_outgoing[node - 1];
-        }
-        let mut by_init_node: Vec<u32> = (0..links.len() as u32).collect();
-        by_init_node.sort_by_key(|&link| links[link as usize].init_node);
-        let outgoing = by_init_node
-            .into_iter()
-            .map(|link| OutgoingLink {
-                link,
-                term_node: links[link as usize].term_node - 1,
-            })
-            .collect();
+        let dead_ends = dead_ends(numbering, &links);
+        let leads_on = |&link: &u32| !dead_ends[links[link as usize].term_node as usize - 1];
+        let all = 0..links.len() as u32;
         Ok(Self {
             numbering,
             weights,
             init_nodes: links.iter().map(|link| link.init_node - 1).collect(),
+            term_nodes: links.iter().map(|link| link.term_node - 1).collect(),
+            outgoing: LinkRows::new(numbering.nodes, &links, all.clone()),
+            dead_end_links: all.clone().filter(|link| !leads_on(link)).collect(),
+            through: LinkRows::new(numbering.nodes, &links, all.filter(leads_on)),
+            dead_ends,
             links,
             volume_delays,
-            first_outgoing,
-            outgoing,
         })
     }
 
@@ -256,7 +312,25 @@ impl Network {
     /// The links that leave a node, given by index from 0.
     #[inline]
     pub(crate) fn outgoing(&self, node: usize) -> &[OutgoingLink] {
-        &self.outgoing[self.first_outgoing[node] as usize..self.first_outgoing[node + 1] as usize]
+        self.outgoing.of(node)
+    }
+
+    /// Of the links that leave a node, given by index from 0, those from whose end a cheapest path may lead on.
+    #[inline]
+    pub(crate) fn outgoing_through(&self, node: usize) -> &[OutgoingLink] {
+        self.through.of(node)
+    }
+
+    /// The links that [`outgoing_through`](Self::outgoing_through) leaves out.
+    pub(crate) fn dead_end_links(&self) -> &[u32] {
+        &self.dead_end_links
+    }
+
+    /// Whether no cheapest path passes through a node, given by index from 0: it may not be passed, or its only
+    /// neighbour is where it came from.
+    #[inline]
+    pub(crate) fn is_dead_end(&self, node: u32) -> bool {
+        self.dead_ends[node as usize]
     }
 
     /// Index from 0 of the node that a link leaves.
@@ -265,9 +339,10 @@ impl Network {
         self.init_nodes[link as usize]
     }
 
-    /// Index from 0 of the first node that trips may pass through.
-    pub(crate) fn first_thru_index(&self) -> usize {
-        self.numbering.first_thru_node as usize - 1
+    /// Index from 0 of the node that a link enters.
+    #[inline]
+    pub(crate) fn term_node(&self, link: u32) -> u32 {
+        self.term_nodes[link as usize]
     }
 }
 

@@ -11,7 +11,7 @@ use super::demand::OriginDemand;
 use super::line_search::exact_step;
 use super::path_shift::{LinkState, Pair, Path, Shift, path_cost};
 use super::problem::{Problem, Progress, dot, relative_gap};
-use super::shortest_path::ShortestPathTree;
+use super::shortest_path::{SearchOrder, ShortestPathTree};
 use crate::error::Result;
 
 /// A new path must be cheaper than the known ones by more than this share: sums in another order differ by as much.
@@ -61,6 +61,8 @@ struct Block<'a> {
     /// Per origin, per destination.
     pairs: Vec<Vec<Pair>>,
     tree: ShortestPathTree,
+    /// Per origin, how the last search went.
+    orders: Vec<SearchOrder>,
     shortest_path_cost: f64,
 }
 
@@ -73,10 +75,13 @@ fn initial_loading<'a>(problem: &Problem<'a>, state: &mut LinkState<'_>) -> Resu
             origins,
             pairs: Vec::with_capacity(origins.len()),
             tree: ShortestPathTree::new(problem.network),
+            orders: vec![SearchOrder::default(); origins.len()],
             shortest_path_cost: 0.0,
         };
-        for from in origins {
-            block.tree.search(problem.network, &state.costs, from.origin);
+        for (from, order) in origins.iter().zip(&mut block.orders) {
+            block
+                .tree
+                .search(problem.network, &state.costs, from.origin, order);
             let mut pairs = Vec::with_capacity(from.destinations.len());
             for &(destination, volume) in &from.destinations {
                 if block.tree.cost_to(destination) == f64::INFINITY {
@@ -109,8 +114,9 @@ impl Block<'_> {
     fn add_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         let mut links = Vec::new();
         self.shortest_path_cost = 0.0;
-        for (from, pairs) in self.origins.iter().zip(&mut self.pairs) {
-            self.tree.search(problem.network, link_costs, from.origin);
+        let origins = self.origins.iter().zip(&mut self.orders);
+        for ((from, order), pairs) in origins.zip(&mut self.pairs) {
+            self.tree.search(problem.network, link_costs, from.origin, order);
             for (&(destination, volume), pair) in from.destinations.iter().zip(pairs) {
                 let cost = self.tree.cost_to(destination);
                 self.shortest_path_cost += volume * cost;
