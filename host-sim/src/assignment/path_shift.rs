@@ -23,6 +23,8 @@ pub(super) struct Path {
 /// An origin-destination pair with the paths that its demand takes.
 pub(super) struct Pair {
     pub(super) demand: f64,
+    /// Sweeps that pass it by, because its paths cost all but the same.
+    pub(super) rest: u32,
     pub(super) paths: Vec<Path>,
 }
 
@@ -121,7 +123,7 @@ impl Shift {
     /// Shifts flow from every path of a pair towards the one that is cheapest at the start. Returns by how much the
     /// dearest path in use exceeded it then.
     pub(super) fn towards_cheapest(&mut self, pair: &mut Pair, state: &mut LinkState<'_>) -> f64 {
-        let Pair { demand, paths } = pair;
+        let Pair { demand, paths, .. } = pair;
         let (mut cheapest, mut least, mut most) = (0, f64::INFINITY, 0.0);
         for (index, path) in paths.iter().enumerate() {
             let cost = path_cost(&path.links, &state.costs);
