@@ -41,7 +41,9 @@ impl<'a> Problem<'a> {
             .map(|delay| delay.view(options.objective))
             .collect();
         for (index, (delay, link)) in delays.iter().zip(network.links()).enumerate() {
-            if !(delay.integral(demand.total()).is_finite() && delay.derivative(demand.total()).is_finite()) {
+            // With nobody on the road, a root is infinitely steep.
+            let steep = demand.total() > 0.0 && !delay.derivative(demand.total()).is_finite();
+            if steep || !delay.integral(demand.total()).is_finite() {
                 return Err(Error::input(
                     format!("link {} ({} to {})", index + 1, link.init_node, link.term_node),
                     format!("a cost that overflows at {} vehicles", demand.total()),
