@@ -7,6 +7,7 @@ use super::demand::Demand;
 use super::network::{Link, Network};
 use super::{Objective, problem};
 use crate::error::{Error, Result};
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -184,7 +185,11 @@ pub fn format_flows(network: &Network, link_flows: &[f64], link_costs: &[f64]) -
     let rows = network.links().iter().zip(link_flows).zip(link_costs);
     for ((link, flow), cost) in rows {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{},{},{flow},{cost}", link.init_node, link.term_node);
+        let (from, to) = (
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        );
+        let _ = writeln!(text, "{from},{to},{flow},{cost}");
     }
     text
 }
@@ -220,7 +225,11 @@ pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>
             let expected = format!("{} rows, one per link", network.links().len());
             return Err(Error::input(place, "one more row", expected));
         };
-        link_flows.push(parse_row(&place, line, link)?);
+        let ends = [
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        ];
+        link_flows.push(parse_row(&place, line, ends)?);
     }
     if link_flows.len() != network.links().len() {
         return Err(Error::input(
@@ -232,8 +241,8 @@ pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>
     Ok(link_flows)
 }
 
-/// The volume of one row, which must be that of `link`.
-fn parse_row(place: &str, line: &str, link: &Link) -> Result<f64> {
+/// The volume of one row, which must be that of the link between these nodes.
+fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f64> {
     let columns: Vec<&str> = line.split(',').map(str::trim).collect();
     let &[init_node, term_node, volume, cost] = columns.as_slice() else {
         return Err(Error::input(
@@ -242,11 +251,11 @@ fn parse_row(place: &str, line: &str, link: &Link) -> Result<f64> {
             format!("4: {HEADER}"),
         ));
     };
-    if [init_node, term_node] != [link.init_node.to_string(), link.term_node.to_string()] {
+    if [init_node, term_node] != [from.as_ref(), to.as_ref()] {
         return Err(Error::input(
             place,
             format!("link {init_node} to {term_node}"),
-            format!("{} to {}, the network's next", link.init_node, link.term_node),
+            format!("{from} to {to}, the network's next"),
         ));
     }
     let number = |name: &str, text: &str| {

@@ -2,6 +2,8 @@
 
 use super::volume_delay::VolumeDelay;
 use crate::error::{Error, Result};
+use std::borrow::Cow;
+use std::collections::HashMap;
 
 /// More nodes than this are taken for a typing error rather than for a network.
 const NODE_LIMIT: u32 = 10_000_000;
@@ -138,6 +140,15 @@ pub(crate) struct OutgoingLink {
     pub(crate) term_node: u32,
 }
 
+/// What a file calls the nodes and zones that have numbers here.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Names {
+    /// One per node.
+    pub nodes: Vec<String>,
+    /// One per zone.
+    pub zones: Vec<String>,
+}
+
 /// Links in compressed rows, one row per node that they leave.
 #[derive(Debug, Clone)]
 struct LinkRows {
@@ -201,6 +212,8 @@ fn dead_ends(numbering: NodeNumbering, links: &[Link]) -> Vec<bool> {
 pub struct Network {
     numbering: NodeNumbering,
     weights: CostWeights,
+    /// None where numbers are names.
+    names: Option<Names>,
     links: Vec<Link>,
     volume_delays: Vec<VolumeDelay>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
@@ -242,6 +255,7 @@ impl Network {
         Ok(Self {
             numbering,
             weights,
+            names: None,
             init_nodes: links.iter().map(|link| link.init_node - 1).collect(),
             term_nodes: links.iter().map(|link| link.term_node - 1).collect(),
             outgoing: LinkRows::new(numbering.nodes, &links, all.clone()),
@@ -277,6 +291,56 @@ impl Network {
             network.volume_delays[index] = link.volume_delay(self.weights, &place)?;
         }
         Ok(network)
+    }
+
+    /// The same network, with the names that files shall call its nodes and zones by.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of names than of nodes and zones.
+    pub fn with_names(mut self, names: Names) -> Result<Self> {
+        let NodeNumbering { nodes, zones, .. } = self.numbering;
+        for (what, found, expected) in [
+            ("node names", names.nodes.len(), nodes),
+            ("zone names", names.zones.len(), zones),
+        ] {
+            if found != expected as usize {
+                return Err(Error::input(what, found, expected));
+            }
+        }
+        self.names = Some(names);
+        Ok(self)
+    }
+
+    /// What files call a node, given by number from 1.
+    pub fn node_name(&self, number: u32) -> Cow<'_, str> {
+        let name = self
+            .names
+            .as_ref()
+            .and_then(|names| names.nodes.get(number as usize - 1));
+        name.map_or_else(
+            || Cow::Owned(number.to_string()),
+            |name| Cow::Borrowed(name.as_str()),
+        )
+    }
+
+    /// What files call a zone, given by number from 1.
+    pub fn zone_name(&self, number: u32) -> Cow<'_, str> {
+        let name = self
+            .names
+            .as_ref()
+            .and_then(|names| names.zones.get(number as usize - 1));
+        name.map_or_else(
+            || Cow::Owned(number.to_string()),
+            |name| Cow::Borrowed(name.as_str()),
+        )
+    }
+
+    /// Number from 1 of every zone, by its name.
+    pub fn zone_numbers(&self) -> HashMap<String, u32> {
+        let zones = 1..=self.numbering.zones;
+        zones
+            .map(|number| (self.zone_name(number).into_owned(), number))
+            .collect()
     }
 
     /// How many nodes and zones there are, and which may be passed.

@@ -9,6 +9,7 @@
 use super::all_or_nothing::unreachable_pair;
 use super::demand::OriginDemand;
 use super::line_search::exact_step;
+use super::path_flows::{PathFlow, WarmStart};
 use super::path_shift::{LinkState, Pair, Path, Shift, path_cost};
 use super::problem::{Problem, Progress, dot, relative_gap};
 use super::shortest_path::{SearchOrder, ShortestPathTree};
@@ -40,13 +41,14 @@ const LARGEST_EXTRAPOLATION: f64 = 1e4;
 /// (chosen: of 1e-8 to 1e-12 it needs the fewest iterations on random networks).
 const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
 
-/// Double precision gives no more when neither gap nor objective have improved for this many iterations.
-const STALLED_ITERATIONS: usize = 30;
-
-/// Flows of the last record of `progress`.
-pub(crate) fn solve(problem: &Problem<'_>, progress: &mut Progress<'_>) -> Result<Vec<f64>> {
+/// Link and path flows of the last record of `progress`.
+pub(crate) fn solve(
+    problem: &Problem<'_>,
+    start: Option<&WarmStart<'_>>,
+    progress: &mut Progress<'_>,
+) -> Result<(Vec<f64>, Vec<PathFlow>)> {
     let mut state = LinkState::new(problem);
-    let mut blocks = initial_loading(problem, &mut state)?;
+    let mut blocks = initial_loading(problem, start, &mut state)?;
     loop {
         state.sum_paths(blocks.iter().flat_map(|block| block.pairs.iter().flatten()));
         problem.for_each(&mut blocks, |block| {
@@ -54,9 +56,9 @@ pub(crate) fn solve(problem: &Problem<'_>, progress: &mut Progress<'_>) -> Resul
         });
         let shortest_path_cost = blocks.iter().map(|block| block.shortest_path_cost).sum();
         let gap = relative_gap(dot(&state.flows, &state.costs), shortest_path_cost);
-        let finished = progress.record(gap, problem.objective(&state.flows));
-        if finished || progress.stalls_for(STALLED_ITERATIONS) {
-            return Ok(state.flows);
+        if progress.record(gap, problem.objective(&state.flows)) {
+            let path_flows = blocks.into_iter().flat_map(Block::into_path_flows);
+            return Ok((state.flows, path_flows.collect()));
         }
         equilibrate(&mut blocks, &mut state);
     }
@@ -73,9 +75,13 @@ struct Block<'a> {
     shortest_path_cost: f64,
 }
 
-/// Loads one origin after the other on its cheapest paths, each at the costs that the previous ones leave.
-fn initial_loading<'a>(problem: &Problem<'a>, state: &mut LinkState<'_>) -> Result<Vec<Block<'a>>> {
-    let mut links = Vec::new();
+/// Loads one origin after the other on its cheapest paths, each at the costs that the previous ones leave; pairs that a
+/// warm start knows take its paths in its shares.
+fn initial_loading<'a>(
+    problem: &Problem<'a>,
+    start: Option<&WarmStart<'_>>,
+    state: &mut LinkState<'_>,
+) -> Result<Vec<Block<'a>>> {
     let mut blocks = Vec::new();
     for origins in problem.origin_blocks() {
         let mut block = Block {
@@ -85,28 +91,38 @@ fn initial_loading<'a>(problem: &Problem<'a>, state: &mut LinkState<'_>) -> Resu
             orders: vec![SearchOrder::default(); origins.len()],
             shortest_path_cost: 0.0,
         };
-        for (from, order) in origins.iter().zip(&mut block.orders) {
-            block
-                .tree
-                .search(problem.network, &state.costs, from.origin, order);
+        for (index, from) in origins.iter().enumerate() {
+            let mut searched = false;
             let mut pairs = Vec::with_capacity(from.destinations.len());
             for &(destination, volume) in &from.destinations {
-                if block.tree.cost_to(destination) == f64::INFINITY {
-                    return Err(unreachable_pair(from.origin, destination));
+                let known = start.map_or(&[][..], |start| start.of(from.origin, destination));
+                let pair = if known.is_empty() {
+                    if !std::mem::replace(&mut searched, true) {
+                        let order = &mut block.orders[index];
+                        block
+                            .tree
+                            .search(problem.network, &state.costs, from.origin, order);
+                    }
+                    if block.tree.cost_to(destination) == f64::INFINITY {
+                        return Err(unreachable_pair(from.origin, destination));
+                    }
+                    let mut links = Vec::new();
+                    block.tree.trace(problem.network, destination, &mut links);
+                    Pair::new(volume, vec![Path::new(links.into(), volume)])
+                } else {
+                    let total: f64 = known.iter().map(|path| path.volume).sum();
+                    let path = |path: &&PathFlow| {
+                        let links = path.links.iter().rev().copied().collect();
+                        Path::new(links, path.volume / total * volume)
+                    };
+                    Pair::new(volume, known.iter().map(path).collect())
+                };
+                for path in &pair.paths {
+                    for &link in &path.links {
+                        state.flows[link as usize] += path.flow;
+                    }
                 }
-                block.tree.trace(problem.network, destination, &mut links);
-                for &link in &links {
-                    state.flows[link as usize] += volume;
-                }
-                pairs.push(Pair {
-                    demand: volume,
-                    rest: 0,
-                    paths: vec![Path {
-                        links: links.as_slice().into(),
-                        flow: volume,
-                        flow_before: volume,
-                    }],
-                });
+                pairs.push(pair);
             }
             block.pairs.push(pairs);
             state.update();
@@ -139,14 +155,30 @@ impl Block<'_> {
                 self.tree.trace(problem.network, destination, &mut links);
                 // Summed in the order of the known paths, a path that is known already is not cheaper.
                 if path_cost(&links, link_costs) < known {
-                    pair.paths.push(Path {
-                        links: links.as_slice().into(),
-                        flow: 0.0,
-                        flow_before: 0.0,
-                    });
+                    pair.paths.push(Path::new(links.as_slice().into(), 0.0));
                 }
             }
         }
+    }
+
+    /// The paths that carry anything, as a result.
+    fn into_path_flows(self) -> impl Iterator<Item = PathFlow> {
+        let origins = self.origins.iter().zip(self.pairs);
+        origins.flat_map(|(from, pairs)| {
+            let pairs = from.destinations.iter().zip(pairs);
+            pairs.flat_map(move |(&(destination, _), pair)| {
+                let paths = pair.paths.into_iter().filter(|path| path.flow > 0.0);
+                paths.map(move |mut path| {
+                    path.links.reverse();
+                    PathFlow {
+                        origin: from.origin + 1,
+                        destination: destination + 1,
+                        volume: path.flow,
+                        links: path.links,
+                    }
+                })
+            })
+        })
     }
 }
 

@@ -20,6 +20,16 @@ pub(super) struct Path {
     pub(super) flow_before: f64,
 }
 
+impl Path {
+    pub(super) fn new(links: Box<[u32]>, flow: f64) -> Self {
+        Self {
+            links,
+            flow,
+            flow_before: flow,
+        }
+    }
+}
+
 /// An origin-destination pair with the paths that its demand takes.
 pub(super) struct Pair {
     pub(super) demand: f64,
@@ -29,6 +39,14 @@ pub(super) struct Pair {
 }
 
 impl Pair {
+    pub(super) fn new(demand: f64, paths: Vec<Path>) -> Self {
+        Self {
+            demand,
+            rest: 0,
+            paths,
+        }
+    }
+
     /// Makes the path flows add up to the demand again, from which rounding takes them: the largest one gives way.
     pub(super) fn settle(&mut self) {
         let total: f64 = self.paths.iter().map(|path| path.flow).sum();
