@@ -18,10 +18,13 @@
 //! ```
 //!
 //! # The rooms
-//! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
+//! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`], [`gmns`] and [`sumo`] read it from files, with the
+//!   help of `csv_table` and `xml`; [`grid`] builds one.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift`.
+//! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
+//!   where the next solve can start, see [`assign_from`].
 //! * [`check`]: judges any link flows, by other means than the solvers use.
 //!
 //! # Determinism
@@ -30,8 +33,11 @@
 
 mod all_or_nothing;
 pub mod check;
+pub mod convergence;
+mod csv_table;
 pub mod demand;
 mod frank_wolfe;
+pub mod gmns;
 pub mod grid;
 mod heap;
 mod line_search;
@@ -40,9 +46,13 @@ mod path_based;
 pub mod path_flows;
 mod path_shift;
 mod problem;
+pub mod select_link;
 pub mod shortest_path;
+pub mod skims;
+pub mod sumo;
 pub mod tntp;
 pub mod volume_delay;
+mod xml;
 
 pub use demand::Demand;
 pub use network::{CostWeights, Link, Names, Network, NodeNumbering};

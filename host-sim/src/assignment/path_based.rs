@@ -49,6 +49,11 @@ pub(crate) fn solve(
 ) -> Result<(Vec<f64>, Vec<PathFlow>)> {
     let mut state = LinkState::new(problem);
     let mut blocks = initial_loading(problem, start, &mut state)?;
+    if start.is_some() {
+        // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
+        state.update();
+        equilibrate(&mut blocks, &mut state);
+    }
     loop {
         state.sum_paths(blocks.iter().flat_map(|block| block.pairs.iter().flatten()));
         problem.for_each(&mut blocks, |block| {
@@ -98,6 +103,7 @@ fn initial_loading<'a>(
                 let known = start.map_or(&[][..], |start| start.of(from.origin, destination));
                 let pair = if known.is_empty() {
                     if !std::mem::replace(&mut searched, true) {
+                        state.update();
                         let order = &mut block.orders[index];
                         block
                             .tree
@@ -125,7 +131,6 @@ fn initial_loading<'a>(
                 pairs.push(pair);
             }
             block.pairs.push(pairs);
-            state.update();
         }
         blocks.push(block);
     }

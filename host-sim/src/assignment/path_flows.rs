@@ -1,9 +1,9 @@
 //! Path flows: which ways the trips of each pair of zones take, as a result, as a file, and as a start for the next solve.
 
 use super::demand::Demand;
-use super::network::{Network, check_not_negative};
+use super::network::Network;
 use crate::error::{Error, Result};
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::path::Path;
 
 /// First line of a path file.
@@ -28,7 +28,7 @@ impl PathFlow {
     /// # Errors
     /// [`Error::Input`] at `place` for an unknown zone or link, a volume that is negative or not finite, no links, or
     /// links that do not make a way.
-    pub fn check(&self, network: &Network, place: &str) -> Result<()> {
+    pub fn check(&self, network: &Network, place: impl Display) -> Result<()> {
         let numbering = network.numbering();
         for (name, zone) in [("origin", self.origin), ("destination", self.destination)] {
             if !(1..=numbering.zones).contains(&zone) {
@@ -36,33 +36,35 @@ impl PathFlow {
                 return Err(Error::input(format!("{place}: {name}"), zone, expected));
             }
         }
-        check_not_negative(&format!("{place}: volume"), self.volume)?;
-        let mut node = self.origin;
-        for (index, &link) in self.links.iter().enumerate() {
-            let Some(way) = network.links().get(link as usize) else {
-                let expected = format!("a link from 1 to {}", network.links().len());
-                return Err(Error::input(
-                    format!("{place}: links"),
-                    u64::from(link) + 1,
-                    expected,
-                ));
-            };
-            if way.init_node != node || (index > 0 && node < numbering.first_thru_node) {
-                let found = format!("link {} ({} to {})", link + 1, way.init_node, way.term_node);
-                let expected = format!("a link that goes on from node {node}, if it may be passed");
-                return Err(Error::input(format!("{place}: links"), found, expected));
-            }
-            node = way.term_node;
+        if !(self.volume.is_finite() && self.volume >= 0.0) {
+            let expected = "a finite number, not negative";
+            return Err(Error::input(format!("{place}: volume"), self.volume, expected));
         }
-        if node == self.destination && !self.links.is_empty() {
+        let broken =
+            |found: String, expected: String| Err(Error::input(format!("{place}: links"), found, expected));
+        let mut node = self.origin - 1;
+        for (index, &link) in self.links.iter().enumerate() {
+            if link as usize >= network.links().len() {
+                let expected = format!("a link from 1 to {}", network.links().len());
+                return broken((u64::from(link) + 1).to_string(), expected);
+            }
+            if network.init_node(link) != node || (index > 0 && node + 1 < numbering.first_thru_node) {
+                let from = network.node_name(network.init_node(link) + 1);
+                let here = network.node_name(node + 1);
+                return broken(
+                    format!("link {}, which leaves node {from}", link + 1),
+                    format!("a link that goes on from node {here}, if it may be passed"),
+                );
+            }
+            node = network.term_node(link);
+        }
+        if node + 1 == self.destination && !self.links.is_empty() {
             return Ok(());
         }
-        let expected = format!("the destination {}", self.destination);
-        Err(Error::input(
-            format!("{place}: links"),
-            format!("an end at node {node}"),
-            expected,
-        ))
+        broken(
+            format!("an end at node {}", network.node_name(node + 1)),
+            format!("the destination {}", network.zone_name(self.destination)),
+        )
     }
 
     /// Sum of the given link costs along the path.
@@ -172,7 +174,7 @@ impl<'p> WarmStart<'p> {
     /// Checks every path, because a network with other links would make nonsense of them.
     pub(crate) fn new(network: &Network, path_flows: &'p [PathFlow]) -> Result<Self> {
         for (index, path) in path_flows.iter().enumerate() {
-            path.check(network, &format!("start: path {}", index + 1))?;
+            path.check(network, format_args!("start: path {}", index + 1))?;
         }
         let mut paths: Vec<&PathFlow> = path_flows.iter().filter(|path| path.volume > 0.0).collect();
         paths.sort_by_key(|path| (path.origin, path.destination));
