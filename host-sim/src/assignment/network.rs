@@ -239,8 +239,8 @@ impl Network {
         numbering.check("network")?;
         check_not_negative("toll weight", weights.toll)?;
         check_not_negative("distance weight", weights.distance)?;
-        if u32::try_from(links.len()).is_err() {
-            return Err(Error::input("network", links.len(), "fewer than 2^32 links"));
+        if i32::try_from(links.len()).is_err() {
+            return Err(Error::input("network", links.len(), "fewer than 2^31 links"));
         }
         let mut volume_delays = Vec::with_capacity(links.len());
         for (index, link) in links.iter().enumerate() {

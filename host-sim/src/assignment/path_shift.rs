@@ -66,7 +66,7 @@ pub(super) struct LinkState<'a> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) flows: Vec<f64>,
     pub(super) costs: Vec<f64>,
-    derivatives: Vec<f64>,
+    pub(super) derivatives: Vec<f64>,
 }
 
 impl<'a> LinkState<'a> {
