@@ -91,15 +91,16 @@ pub fn evaluate(
 fn bpr_terms(network: &Network, link: &Link, flow: f64) -> (f64, f64) {
     let weights = network.weights();
     let free = link.free_flow_time + weights.toll * link.toll + weights.distance * link.length;
-    if link.free_flow_time == 0.0 || link.b == 0.0 || flow == 0.0 {
+    if link.free_flow_time == 0.0 || link.b == 0.0 {
         return (free, 0.0);
     }
-    let ratio = if link.power == 0.0 {
+    // A power of 0 makes the delay a constant, also on the empty road.
+    let factor = if link.power == 0.0 {
         1.0
     } else {
-        flow / link.capacity
+        libm::pow(flow / link.capacity, link.power)
     };
-    (free, link.free_flow_time * link.b * libm::pow(ratio, link.power))
+    (free, link.free_flow_time * link.b * factor)
 }
 
 /// What all trips cost on cheapest paths.
