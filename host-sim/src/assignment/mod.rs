@@ -18,12 +18,11 @@
 //! ```
 //!
 //! # The rooms
-//! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`], [`gmns`] and [`sumo`] read it from files, with the
-//!   help of `csv_table` and `xml`; [`grid`] builds one.
+//! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
+//!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
-//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in
-//!   `newton`.
+//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
 //! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
 //!   where the next solve can start, see [`assign_from`].
 //! * [`check`]: judges any link flows, by other means than the solvers use.
@@ -42,6 +41,7 @@ pub mod gmns;
 pub mod grid;
 mod heap;
 mod line_search;
+mod link_rows;
 pub mod network;
 mod newton;
 mod path_based;

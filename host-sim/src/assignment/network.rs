@@ -1,5 +1,6 @@
 //! The road network: directed links in file order, and the outgoing links of each node in compressed rows.
 
+use super::link_rows::{LinkRows, OutgoingLink, dead_ends};
 use super::volume_delay::VolumeDelay;
 use crate::error::{Error, Result};
 use std::borrow::Cow;
@@ -133,13 +134,6 @@ impl NodeNumbering {
     }
 }
 
-/// A link seen from the node it leaves: nodes and links as indices from 0.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct OutgoingLink {
-    pub(crate) link: u32,
-    pub(crate) term_node: u32,
-}
-
 /// What a file calls the nodes and zones that have numbers here.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Names {
@@ -147,64 +141,6 @@ pub struct Names {
     pub nodes: Vec<String>,
     /// One per zone.
     pub zones: Vec<String>,
-}
-
-/// Links in compressed rows, one row per node that they leave.
-#[derive(Debug, Clone)]
-struct LinkRows {
-    /// Where each node's row begins, and at last where the final row ends.
-    first: Vec<u32>,
-    links: Vec<OutgoingLink>,
-}
-
-impl LinkRows {
-    /// Rows of the `chosen` ones among all `links`; within a row they keep their order.
-    fn new(nodes: u32, links: &[Link], chosen: impl Iterator<Item = u32> + Clone) -> Self {
-        let mut first = vec![0_u32; nodes as usize + 1];
-        for link in chosen.clone() {
-            first[links[link as usize].init_node as usize] += 1;
-        }
-        for node in 1..first.len() {
-            first[node] += first[node - 1];
-        }
-        let mut by_init_node: Vec<u32> = chosen.collect();
-        by_init_node.sort_by_key(|&link| links[link as usize].init_node);
-        let outgoing = |link| OutgoingLink {
-            link,
-            term_node: links[link as usize].term_node - 1,
-        };
-        Self {
-            first,
-            links: by_init_node.into_iter().map(outgoing).collect(),
-        }
-    }
-
-    #[inline]
-    fn of(&self, node: usize) -> &[OutgoingLink] {
-        &self.links[self.first[node] as usize..self.first[node + 1] as usize]
-    }
-}
-
-/// Which nodes no cheapest path passes through: those that may not be passed, and those with a single neighbour, such as
-/// most zones that hang on the network by one connector each way.
-fn dead_ends(numbering: NodeNumbering, links: &[Link]) -> Vec<bool> {
-    const NOBODY: u32 = 0;
-    const SEVERAL: u32 = u32::MAX;
-    let mut neighbours = vec![NOBODY; numbering.nodes as usize];
-    for link in links {
-        for (node, other) in [(link.init_node, link.term_node), (link.term_node, link.init_node)] {
-            let neighbour = &mut neighbours[node as usize - 1];
-            if *neighbour == NOBODY {
-                *neighbour = other;
-            } else if *neighbour != other {
-                *neighbour = SEVERAL;
-            }
-        }
-    }
-    (1..)
-        .zip(neighbours)
-        .map(|(number, neighbour)| number < numbering.first_thru_node || neighbour != SEVERAL)
-        .collect()
 }
 
 /// A directed network. Links keep the order they were given in; that is the order of every flow and cost vector.

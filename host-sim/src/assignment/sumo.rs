@@ -80,7 +80,7 @@ pub fn parse_network(name: &str, text: &str, model: &LaneModel, weights: CostWei
                     edge.add_lane(element)?;
                 }
             }
-            Scan::Close(tag) if tag == "edge" => inside = false,
+            Scan::Close("edge") => inside = false,
             _ => {}
         }
         Ok(())
