@@ -4,7 +4,7 @@
 //! less: `Ca = Ca_hat - (A / A_max) dm`, with A the age of what is known, A_max the largest age there is, and dm the
 //! capacity lost at that age.
 
-use crate::assignment::{Demand, Network, Options, Solution, assign};
+use crate::assignment::{Algorithm, Demand, Network, Options, Solution, assign, assign_from};
 use crate::error::{Error, Result};
 
 /// How capacity error grows with age.
@@ -174,7 +174,7 @@ impl<'a> Planner<'a> {
     pub fn staleness(&self, ages: &[f64], error: &CapacityError) -> Result<Staleness> {
         let capacities = error.per_road(&self.believed, ages)?;
         let truth = self.network.with_capacities(&capacities)?;
-        let informed_flows = assign(&truth, self.demand, self.options)?.link_flows;
+        let informed_flows = self.informed(&truth)?.link_flows;
         let stale = TrafficState::of(&truth, self.demand, &self.planned.link_flows);
         let informed = TrafficState::of(&truth, self.demand, &informed_flows);
         Ok(Staleness {
@@ -182,5 +182,14 @@ impl<'a> Planner<'a> {
             informed,
             regret_per_trip: stale.mean_trip_time - informed.mean_trip_time,
         })
+    }
+
+    /// Plans with the true capacities, from the flows planned with the believed ones where the algorithm can.
+    fn informed(&self, truth: &Network) -> Result<Solution> {
+        if self.options.algorithm != Algorithm::PathBased {
+            return assign(truth, self.demand, self.options);
+        }
+        let start = &self.planned.path_flows;
+        assign_from(truth, self.demand, self.options, start, &mut |_| {})
     }
 }

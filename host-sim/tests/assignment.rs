@@ -986,9 +986,8 @@ proptest! {
             let options = Options { objective, max_iterations: 2000, ..options(algorithm, gap) };
             assign(&network, &demand, &options).unwrap()
         };
-        // Gradient projection nearly always gets to 1e-11; a steep link shared by many pairs can hold it up.
         let best = solve(Algorithm::PathBased, 1e-11);
-        prop_assert!(best.relative_gap <= 1e-6, "path: {}", best.relative_gap);
+        prop_assert!(best.converged, "path: {}", best.relative_gap);
         for algorithm in ALGORITHMS {
             let solution = solve(algorithm, 1e-5);
             let judged = evaluate(&network, &demand, objective, &solution.link_flows).unwrap();

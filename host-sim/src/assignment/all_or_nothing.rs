@@ -1,14 +1,19 @@
 //! All-or-nothing loading: every trip on the cheapest path at given link costs.
 
 use super::demand::OriginDemand;
+use super::network::Network;
 use super::problem::Problem;
-use super::shortest_path::ShortestPathTree;
+use super::shortest_path::{SearchOrder, ShortestPathTree};
 use crate::error::{Error, Result};
 
 /// Buffers of one block of origins.
 struct Block<'a> {
     origins: &'a [OriginDemand],
     tree: ShortestPathTree,
+    /// Per origin, how the last search went.
+    orders: Vec<SearchOrder>,
+    /// Branches of the tree that have yet to bring their vehicles, per node.
+    branches: Vec<u32>,
     /// Vehicles that still have to be carried towards the origin, per node.
     node_volume: Vec<f64>,
     link_flows: Vec<f64>,
@@ -24,8 +29,10 @@ pub(crate) struct Loader<'a> {
 impl<'a> Loader<'a> {
     pub(crate) fn new(problem: &Problem<'a>) -> Self {
         let nodes = problem.network.numbering().nodes as usize;
-        let block = |origins| Block {
+        let block = |origins: &'a [OriginDemand]| Block {
             origins,
+            orders: vec![SearchOrder::default(); origins.len()],
+            branches: vec![0; nodes],
             tree: ShortestPathTree::new(problem.network),
             node_volume: vec![0.0; nodes],
             link_flows: vec![0.0; problem.links()],
@@ -64,8 +71,9 @@ impl Block<'_> {
     fn load(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         self.link_flows.fill(0.0);
         self.shortest_path_cost = 0.0;
-        for from in self.origins {
-            self.tree.search(problem.network, link_costs, from.origin);
+        for (index, from) in self.origins.iter().enumerate() {
+            let order = &mut self.orders[index];
+            self.tree.search(problem.network, link_costs, from.origin, order);
             self.node_volume.fill(0.0);
             for &(destination, volume) in &from.destinations {
                 let cost = self.tree.cost_to(destination);
@@ -75,16 +83,31 @@ impl Block<'_> {
                 self.shortest_path_cost += volume * cost;
                 self.node_volume[destination as usize] += volume;
             }
-            // From the leaves to the root: by the time a node comes, all that passes through it has arrived there.
-            for &node in self.tree.settled().iter().rev() {
+            self.carry_to_origin(problem.network);
+        }
+    }
+
+    /// From the leaves to the root: a node hands on its vehicles when all its branches have brought theirs.
+    fn carry_to_origin(&mut self, network: &Network) {
+        let nodes = self.branches.len() as u32;
+        self.branches.fill(0);
+        for node in 0..nodes {
+            if let Some(link) = self.tree.entering_link(node) {
+                self.branches[network.init_node(link) as usize] += 1;
+            }
+        }
+        for leaf in 0..nodes {
+            let mut node = leaf;
+            while self.branches[node as usize] == 0
+                && let Some(link) = self.tree.entering_link(node)
+            {
+                // Never a leaf again.
+                self.branches[node as usize] = u32::MAX;
                 let volume = self.node_volume[node as usize];
-                if volume == 0.0 {
-                    continue;
-                }
-                if let Some(link) = self.tree.entering_link(node) {
-                    self.link_flows[link as usize] += volume;
-                    self.node_volume[problem.network.init_node(link) as usize] += volume;
-                }
+                self.link_flows[link as usize] += volume;
+                node = network.init_node(link);
+                self.node_volume[node as usize] += volume;
+                self.branches[node as usize] -= 1;
             }
         }
     }

@@ -7,6 +7,7 @@ use super::demand::Demand;
 use super::network::{Link, Network};
 use super::{Objective, problem};
 use crate::error::{Error, Result};
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -90,15 +91,16 @@ pub fn evaluate(
 fn bpr_terms(network: &Network, link: &Link, flow: f64) -> (f64, f64) {
     let weights = network.weights();
     let free = link.free_flow_time + weights.toll * link.toll + weights.distance * link.length;
-    if link.free_flow_time == 0.0 || link.b == 0.0 || flow == 0.0 {
+    if link.free_flow_time == 0.0 || link.b == 0.0 {
         return (free, 0.0);
     }
-    let ratio = if link.power == 0.0 {
+    // A power of 0 makes the delay a constant, also on the empty road.
+    let factor = if link.power == 0.0 {
         1.0
     } else {
-        flow / link.capacity
+        libm::pow(flow / link.capacity, link.power)
     };
-    (free, link.free_flow_time * link.b * libm::pow(ratio, link.power))
+    (free, link.free_flow_time * link.b * factor)
 }
 
 /// What all trips cost on cheapest paths.
@@ -184,7 +186,11 @@ pub fn format_flows(network: &Network, link_flows: &[f64], link_costs: &[f64]) -
     let rows = network.links().iter().zip(link_flows).zip(link_costs);
     for ((link, flow), cost) in rows {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{},{},{flow},{cost}", link.init_node, link.term_node);
+        let (from, to) = (
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        );
+        let _ = writeln!(text, "{from},{to},{flow},{cost}");
     }
     text
 }
@@ -220,7 +226,11 @@ pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>
             let expected = format!("{} rows, one per link", network.links().len());
             return Err(Error::input(place, "one more row", expected));
         };
-        link_flows.push(parse_row(&place, line, link)?);
+        let ends = [
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        ];
+        link_flows.push(parse_row(&place, line, ends)?);
     }
     if link_flows.len() != network.links().len() {
         return Err(Error::input(
@@ -232,8 +242,8 @@ pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>
     Ok(link_flows)
 }
 
-/// The volume of one row, which must be that of `link`.
-fn parse_row(place: &str, line: &str, link: &Link) -> Result<f64> {
+/// The volume of one row, which must be that of the link between these nodes.
+fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f64> {
     let columns: Vec<&str> = line.split(',').map(str::trim).collect();
     let &[init_node, term_node, volume, cost] = columns.as_slice() else {
         return Err(Error::input(
@@ -242,11 +252,11 @@ fn parse_row(place: &str, line: &str, link: &Link) -> Result<f64> {
             format!("4: {HEADER}"),
         ));
     };
-    if [init_node, term_node] != [link.init_node.to_string(), link.term_node.to_string()] {
+    if [init_node, term_node] != [from.as_ref(), to.as_ref()] {
         return Err(Error::input(
             place,
             format!("link {init_node} to {term_node}"),
-            format!("{} to {}, the network's next", link.init_node, link.term_node),
+            format!("{from} to {to}, the network's next"),
         ));
     }
     let number = |name: &str, text: &str| {

@@ -18,10 +18,13 @@
 //! ```
 //!
 //! # The rooms
-//! * [`network`], [`demand`], [`volume_delay`]: the problem; [`tntp`] reads it from files, [`grid`] builds one.
+//! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
+//!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
-//!   1e-12, its Newton steps in `path_shift`.
+//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
+//! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
+//!   where the next solve can start, see [`assign_from`].
 //! * [`check`]: judges any link flows, by other means than the solvers use.
 //!
 //! # Determinism
@@ -30,21 +33,32 @@
 
 mod all_or_nothing;
 pub mod check;
+pub mod convergence;
+mod csv_table;
 pub mod demand;
 mod frank_wolfe;
+pub mod gmns;
 pub mod grid;
 mod heap;
 mod line_search;
+mod link_rows;
 pub mod network;
+mod newton;
 mod path_based;
+pub mod path_flows;
 mod path_shift;
 mod problem;
+pub mod select_link;
 pub mod shortest_path;
+pub mod skims;
+pub mod sumo;
 pub mod tntp;
 pub mod volume_delay;
+mod xml;
 
 pub use demand::Demand;
-pub use network::{CostWeights, Link, Network, NodeNumbering};
+pub use network::{CostWeights, Link, Names, Network, NodeNumbering};
+pub use path_flows::PathFlow;
 pub use volume_delay::VolumeDelay;
 
 use crate::error::{Error, Result};
@@ -108,6 +122,17 @@ impl Default for Options {
     }
 }
 
+/// Why a solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// The relative gap asked for is reached.
+    Gap,
+    /// [`Options::max_iterations`] are used up.
+    Iterations,
+    /// Neither gap nor objective improve any more: double precision, or the method, gives no more.
+    Stagnation,
+}
+
 /// The state after one iteration; record 0 is the initial loading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IterationRecord {
@@ -139,6 +164,11 @@ pub struct Solution {
     pub iterations: usize,
     /// Whether the relative gap asked for was reached.
     pub converged: bool,
+    /// Why it ended.
+    pub stopped: Stop,
+    /// The paths that the trips take, by ascending origin and destination; empty with the Frank-Wolfe family, which
+    /// knows link flows only. They are a start for [`assign_from`].
+    pub path_flows: Vec<PathFlow>,
     /// One record per iteration, the initial loading first.
     pub convergence: Vec<IterationRecord>,
 }
@@ -162,6 +192,41 @@ pub fn assign_observed(
     options: &Options,
     observe: &mut dyn FnMut(&IterationRecord),
 ) -> Result<Solution> {
+    solve(network, demand, options, None, observe)
+}
+
+/// [`assign_observed`] from the [path flows](Solution::path_flows) of an earlier solution: on the same links with other
+/// capacities, or for another demand. Each pair's trips start in the same shares on the same paths; pairs that had none
+/// start on their cheapest path.
+///
+/// # Errors
+/// As [`assign`], and for an algorithm that is not path-based, or paths that are none in this network.
+pub fn assign_from(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    start: &[PathFlow],
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
+    if options.algorithm != Algorithm::PathBased {
+        let expected = "the path-based one: the others know link flows only, which fit no other demand";
+        return Err(Error::input(
+            "algorithm for a warm start",
+            "Frank-Wolfe",
+            expected,
+        ));
+    }
+    let start = path_flows::WarmStart::new(network, start)?;
+    solve(network, demand, options, Some(&start), observe)
+}
+
+fn solve(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    start: Option<&path_flows::WarmStart<'_>>,
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
     if !(options.gap.is_finite() && options.gap >= 0.0) {
         return Err(Error::input(
             "relative gap",
@@ -171,11 +236,12 @@ pub fn assign_observed(
     }
     let problem = Problem::new(network, demand, options)?;
     let mut progress = problem::Progress::new(options, observe);
-    let link_flows = match options.algorithm {
-        Algorithm::FrankWolfe | Algorithm::ConjugateFrankWolfe | Algorithm::BiconjugateFrankWolfe => {
-            frank_wolfe::solve(&problem, options.algorithm, &mut progress)?
-        }
-        Algorithm::PathBased => path_based::solve(&problem, &mut progress)?,
+    let (link_flows, path_flows) = match options.algorithm {
+        Algorithm::FrankWolfe | Algorithm::ConjugateFrankWolfe | Algorithm::BiconjugateFrankWolfe => (
+            frank_wolfe::solve(&problem, options.algorithm, &mut progress)?,
+            Vec::new(),
+        ),
+        Algorithm::PathBased => path_based::solve(&problem, start, &mut progress)?,
     };
-    Ok(progress.into_solution(network, link_flows))
+    Ok(progress.into_solution(network, link_flows, path_flows))
 }

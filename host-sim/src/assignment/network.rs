@@ -1,7 +1,10 @@
 //! The road network: directed links in file order, and the outgoing links of each node in compressed rows.
 
+use super::link_rows::{LinkRows, OutgoingLink, dead_ends};
 use super::volume_delay::VolumeDelay;
 use crate::error::{Error, Result};
+use std::borrow::Cow;
+use std::collections::HashMap;
 
 /// More nodes than this are taken for a typing error rather than for a network.
 const NODE_LIMIT: u32 = 10_000_000;
@@ -131,11 +134,13 @@ impl NodeNumbering {
     }
 }
 
-/// A link seen from the node it leaves: nodes and links as indices from 0.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct OutgoingLink {
-    pub(crate) link: u32,
-    pub(crate) term_node: u32,
+/// What a file calls the nodes and zones that have numbers here.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Names {
+    /// One per node.
+    pub nodes: Vec<String>,
+    /// One per zone.
+    pub zones: Vec<String>,
 }
 
 /// A directed network. Links keep the order they were given in; that is the order of every flow and cost vector.
@@ -143,13 +148,21 @@ pub(crate) struct OutgoingLink {
 pub struct Network {
     numbering: NodeNumbering,
     weights: CostWeights,
+    /// None where numbers are names.
+    names: Option<Names>,
     links: Vec<Link>,
     volume_delays: Vec<VolumeDelay>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
     init_nodes: Vec<u32>,
-    /// Where each node's row of `outgoing` begins, and at last where the final row ends.
-    first_outgoing: Vec<u32>,
-    outgoing: Vec<OutgoingLink>,
+    /// Index from 0 of the node that each link enters.
+    term_nodes: Vec<u32>,
+    /// All links, by the node they leave.
+    outgoing: LinkRows,
+    /// Links to nodes through which no cheapest path leads, in file order.
+    dead_end_links: Vec<u32>,
+    /// All other links, by the node they leave.
+    through: LinkRows,
+    dead_ends: Vec<bool>,
 }
 
 impl Network {
@@ -162,38 +175,31 @@ impl Network {
         numbering.check("network")?;
         check_not_negative("toll weight", weights.toll)?;
         check_not_negative("distance weight", weights.distance)?;
-        if u32::try_from(links.len()).is_err() {
-            return Err(Error::input("network", links.len(), "fewer than 2^32 links"));
+        if i32::try_from(links.len()).is_err() {
+            return Err(Error::input("network", links.len(), "fewer than 2^31 links"));
         }
         let mut volume_delays = Vec::with_capacity(links.len());
-        let mut first_outgoing = vec![0_u32; numbering.nodes as usize + 1];
         for (index, link) in links.iter().enumerate() {
             let place = format!("link {}", index + 1);
             numbering.check_node(&place, "init_node", link.init_node)?;
             numbering.check_node(&place, "term_node", link.term_node)?;
             volume_delays.push(link.volume_delay(weights, &place)?);
-            first_outgoing[link.init_node as usize] += 1;
         }
-        for node in 1..first_outgoing.len() {
-            first_outgoing[node] += first_outgoing[node - 1];
-        }
-        let mut by_init_node: Vec<u32> = (0..links.len() as u32).collect();
-        by_init_node.sort_by_key(|&link| links[link as usize].init_node);
-        let outgoing = by_init_node
-            .into_iter()
-            .map(|link| OutgoingLink {
-                link,
-                term_node: links[link as usize].term_node - 1,
-            })
-            .collect();
+        let dead_ends = dead_ends(numbering, &links);
+        let leads_on = |&link: &u32| !dead_ends[links[link as usize].term_node as usize - 1];
+        let all = 0..links.len() as u32;
         Ok(Self {
             numbering,
             weights,
+            names: None,
             init_nodes: links.iter().map(|link| link.init_node - 1).collect(),
+            term_nodes: links.iter().map(|link| link.term_node - 1).collect(),
+            outgoing: LinkRows::new(numbering.nodes, &links, all.clone()),
+            dead_end_links: all.clone().filter(|link| !leads_on(link)).collect(),
+            through: LinkRows::new(numbering.nodes, &links, all.filter(leads_on)),
+            dead_ends,
             links,
             volume_delays,
-            first_outgoing,
-            outgoing,
         })
     }
 
@@ -221,6 +227,56 @@ impl Network {
             network.volume_delays[index] = link.volume_delay(self.weights, &place)?;
         }
         Ok(network)
+    }
+
+    /// The same network, with the names that files shall call its nodes and zones by.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of names than of nodes and zones.
+    pub fn with_names(mut self, names: Names) -> Result<Self> {
+        let NodeNumbering { nodes, zones, .. } = self.numbering;
+        for (what, found, expected) in [
+            ("node names", names.nodes.len(), nodes),
+            ("zone names", names.zones.len(), zones),
+        ] {
+            if found != expected as usize {
+                return Err(Error::input(what, found, expected));
+            }
+        }
+        self.names = Some(names);
+        Ok(self)
+    }
+
+    /// What files call a node, given by number from 1.
+    pub fn node_name(&self, number: u32) -> Cow<'_, str> {
+        let name = self
+            .names
+            .as_ref()
+            .and_then(|names| names.nodes.get(number as usize - 1));
+        name.map_or_else(
+            || Cow::Owned(number.to_string()),
+            |name| Cow::Borrowed(name.as_str()),
+        )
+    }
+
+    /// What files call a zone, given by number from 1.
+    pub fn zone_name(&self, number: u32) -> Cow<'_, str> {
+        let name = self
+            .names
+            .as_ref()
+            .and_then(|names| names.zones.get(number as usize - 1));
+        name.map_or_else(
+            || Cow::Owned(number.to_string()),
+            |name| Cow::Borrowed(name.as_str()),
+        )
+    }
+
+    /// Number from 1 of every zone, by its name.
+    pub fn zone_numbers(&self) -> HashMap<String, u32> {
+        let zones = 1..=self.numbering.zones;
+        zones
+            .map(|number| (self.zone_name(number).into_owned(), number))
+            .collect()
     }
 
     /// How many nodes and zones there are, and which may be passed.
@@ -256,7 +312,25 @@ impl Network {
     /// The links that leave a node, given by index from 0.
     #[inline]
     pub(crate) fn outgoing(&self, node: usize) -> &[OutgoingLink] {
-        &self.outgoing[self.first_outgoing[node] as usize..self.first_outgoing[node + 1] as usize]
+        self.outgoing.of(node)
+    }
+
+    /// Of the links that leave a node, given by index from 0, those from whose end a cheapest path may lead on.
+    #[inline]
+    pub(crate) fn outgoing_through(&self, node: usize) -> &[OutgoingLink] {
+        self.through.of(node)
+    }
+
+    /// The links that [`outgoing_through`](Self::outgoing_through) leaves out.
+    pub(crate) fn dead_end_links(&self) -> &[u32] {
+        &self.dead_end_links
+    }
+
+    /// Whether no cheapest path passes through a node, given by index from 0: it may not be passed, or its only
+    /// neighbour is where it came from.
+    #[inline]
+    pub(crate) fn is_dead_end(&self, node: u32) -> bool {
+        self.dead_ends[node as usize]
     }
 
     /// Index from 0 of the node that a link leaves.
@@ -265,9 +339,10 @@ impl Network {
         self.init_nodes[link as usize]
     }
 
-    /// Index from 0 of the first node that trips may pass through.
-    pub(crate) fn first_thru_index(&self) -> usize {
-        self.numbering.first_thru_node as usize - 1
+    /// Index from 0 of the node that a link enters.
+    #[inline]
+    pub(crate) fn term_node(&self, link: u32) -> u32 {
+        self.term_nodes[link as usize]
     }
 }
 

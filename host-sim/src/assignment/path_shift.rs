@@ -20,13 +20,33 @@ pub(super) struct Path {
     pub(super) flow_before: f64,
 }
 
+impl Path {
+    pub(super) fn new(links: Box<[u32]>, flow: f64) -> Self {
+        Self {
+            links,
+            flow,
+            flow_before: flow,
+        }
+    }
+}
+
 /// An origin-destination pair with the paths that its demand takes.
 pub(super) struct Pair {
     pub(super) demand: f64,
+    /// Sweeps that pass it by, because its paths cost all but the same.
+    pub(super) rest: u32,
     pub(super) paths: Vec<Path>,
 }
 
 impl Pair {
+    pub(super) fn new(demand: f64, paths: Vec<Path>) -> Self {
+        Self {
+            demand,
+            rest: 0,
+            paths,
+        }
+    }
+
     /// Makes the path flows add up to the demand again, from which rounding takes them: the largest one gives way.
     pub(super) fn settle(&mut self) {
         let total: f64 = self.paths.iter().map(|path| path.flow).sum();
@@ -46,7 +66,7 @@ pub(super) struct LinkState<'a> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) flows: Vec<f64>,
     pub(super) costs: Vec<f64>,
-    derivatives: Vec<f64>,
+    pub(super) derivatives: Vec<f64>,
 }
 
 impl<'a> LinkState<'a> {
@@ -121,7 +141,7 @@ impl Shift {
     /// Shifts flow from every path of a pair towards the one that is cheapest at the start. Returns by how much the
     /// dearest path in use exceeded it then.
     pub(super) fn towards_cheapest(&mut self, pair: &mut Pair, state: &mut LinkState<'_>) -> f64 {
-        let Pair { demand, paths } = pair;
+        let Pair { demand, paths, .. } = pair;
         let (mut cheapest, mut least, mut most) = (0, f64::INFINITY, 0.0);
         for (index, path) in paths.iter().enumerate() {
             let cost = path_cost(&path.links, &state.costs);

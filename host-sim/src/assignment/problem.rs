@@ -1,7 +1,7 @@
 //! What every algorithm is given: the problem as numbers, the worker threads, and the log of its progress.
 
 use super::demand::OriginDemand;
-use super::{Demand, IterationRecord, Network, Options, Solution, VolumeDelay};
+use super::{Demand, IterationRecord, Network, Options, PathFlow, Solution, Stop, VolumeDelay};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -11,6 +11,9 @@ const FEWEST_ORIGINS_PER_BLOCK: usize = 16;
 
 /// Most blocks, because each has buffers of the size of the network (chosen).
 const MOST_BLOCKS: usize = 32;
+
+/// Double precision gives no more when neither gap nor objective have improved for this many iterations.
+const STALLED_ITERATIONS: usize = 30;
 
 /// Objectives that differ by less than this share are equal but for rounding.
 const OBJECTIVE_RESOLUTION: f64 = 1e-14;
@@ -41,7 +44,9 @@ impl<'a> Problem<'a> {
             .map(|delay| delay.view(options.objective))
             .collect();
         for (index, (delay, link)) in delays.iter().zip(network.links()).enumerate() {
-            if !(delay.integral(demand.total()).is_finite() && delay.derivative(demand.total()).is_finite()) {
+            // With nobody on the road, a root is infinitely steep.
+            let steep = demand.total() > 0.0 && !delay.derivative(demand.total()).is_finite();
+            if steep || !delay.integral(demand.total()).is_finite() {
                 return Err(Error::input(
                     format!("link {} ({} to {})", index + 1, link.init_node, link.term_node),
                     format!("a cost that overflows at {} vehicles", demand.total()),
@@ -136,6 +141,7 @@ pub(crate) struct Progress<'a> {
     max_iterations: usize,
     start: Instant,
     records: Vec<IterationRecord>,
+    stopped: Stop,
     observe: &'a mut dyn FnMut(&IterationRecord),
 }
 
@@ -146,11 +152,13 @@ impl<'a> Progress<'a> {
             max_iterations: options.max_iterations,
             start: Instant::now(),
             records: Vec::new(),
+            stopped: Stop::Iterations,
             observe,
         }
     }
 
-    /// Logs the flows of one more iteration. True if it was the last: the gap is reached, or iterations are used up.
+    /// Logs the flows of one more iteration. True if it was the last: the gap is reached, iterations are used up, or
+    /// nothing improves any more.
     pub(crate) fn record(&mut self, relative_gap: f64, objective: f64) -> bool {
         let record = IterationRecord {
             iteration: self.records.len(),
@@ -160,12 +168,24 @@ impl<'a> Progress<'a> {
         };
         (self.observe)(&record);
         self.records.push(record);
-        relative_gap <= self.gap || record.iteration >= self.max_iterations
+        let stop = if relative_gap <= self.gap {
+            Some(Stop::Gap)
+        } else if record.iteration >= self.max_iterations {
+            Some(Stop::Iterations)
+        } else if self.stalls_for(STALLED_ITERATIONS) {
+            Some(Stop::Stagnation)
+        } else {
+            None
+        };
+        if let Some(reason) = stop {
+            self.stopped = reason;
+        }
+        stop.is_some()
     }
 
     /// Whether neither the gap nor the objective have fallen below their best for `iterations` iterations. The gap alone
     /// says little: it goes up and down while the objective creeps towards its minimum.
-    pub(crate) fn stalls_for(&self, iterations: usize) -> bool {
+    fn stalls_for(&self, iterations: usize) -> bool {
         let Some(before) = self.records.len().checked_sub(iterations) else {
             return false;
         };
@@ -180,7 +200,12 @@ impl<'a> Progress<'a> {
     }
 
     /// The finished solution: `link_flows` are those of the last record.
-    pub(crate) fn into_solution(self, network: &Network, link_flows: Vec<f64>) -> Solution {
+    pub(crate) fn into_solution(
+        self,
+        network: &Network,
+        link_flows: Vec<f64>,
+        path_flows: Vec<PathFlow>,
+    ) -> Solution {
         let link_costs = network.link_costs(&link_flows);
         let last = self.records.last();
         let relative_gap = last.map_or(0.0, |record| record.relative_gap);
@@ -190,6 +215,8 @@ impl<'a> Progress<'a> {
             objective: last.map_or(0.0, |record| record.objective),
             iterations: last.map_or(0, |record| record.iteration),
             converged: relative_gap <= self.gap,
+            stopped: self.stopped,
+            path_flows,
             convergence: self.records,
             link_flows,
             link_costs,

@@ -1,4 +1,8 @@
-//! Cheapest paths from one node to all others: Dijkstra's algorithm.
+//! Cheapest paths from one node to all others: Dijkstra's algorithm, made to profit from being run again and again.
+//!
+//! An assignment searches from the same origins at costs that change less and less. A search that takes the nodes in the
+//! order of the last one finds nearly every cost final by the time it comes there, and a priority queue has to settle
+//! only the rest. Nodes that no path passes through never enter the queue.
 
 use super::heap::NodeHeap;
 use super::network::Network;
@@ -9,10 +13,23 @@ const NONE: u32 = u32::MAX;
 /// A tree of cheapest paths, with buffers that the next search reuses. Nodes and links are indices from 0.
 #[derive(Debug, Clone)]
 pub struct ShortestPathTree {
+    origin: u32,
     cost: Vec<f64>,
     entering_link: Vec<u32>,
-    settled: Vec<u32>,
     heap: NodeHeap,
+    /// Nodes whose outgoing links have been looked at.
+    scanned: Vec<bool>,
+    /// Nodes that were looked at again, by ascending cost.
+    corrected: Vec<u32>,
+    /// Room for a search order to be merged into.
+    merged: Vec<u32>,
+}
+
+/// In which order the last search from an origin came to its nodes. The next one, at costs that have changed little,
+/// follows it and needs no priority queue but for what has changed places.
+#[derive(Debug, Clone, Default)]
+pub struct SearchOrder {
+    nodes: Vec<u32>,
 }
 
 impl ShortestPathTree {
@@ -20,44 +37,120 @@ impl ShortestPathTree {
     pub fn new(network: &Network) -> Self {
         let nodes = network.numbering().nodes as usize;
         Self {
+            origin: 0,
             cost: vec![f64::INFINITY; nodes],
             entering_link: vec![NONE; nodes],
-            settled: Vec::with_capacity(nodes),
             heap: NodeHeap::new(nodes),
+            scanned: vec![false; nodes],
+            corrected: Vec::new(),
+            merged: Vec::new(),
         }
     }
 
     /// Finds the cheapest path from `origin` to every node at the given link costs, which must not be negative.
     ///
     /// No path passes through a node before the network's first thru node; such a node can be its origin or its end.
-    pub fn search(&mut self, network: &Network, link_costs: &[f64], origin: u32) {
-        let Self {
-            cost,
-            entering_link,
-            settled,
-            heap,
-        } = self;
-        let (cost, entering_link) = (cost.as_mut_slice(), entering_link.as_mut_slice());
-        cost.fill(f64::INFINITY);
-        entering_link.fill(NONE);
-        settled.clear();
-        heap.clear();
-        let first_thru = network.first_thru_index();
-        cost[origin as usize] = 0.0;
-        heap.put(0.0, origin);
-        while let Some((node_cost, node)) = heap.pop() {
-            settled.push(node);
-            if (node as usize) < first_thru && node != origin {
-                continue;
+    /// `order` is empty, or comes from an earlier search from the same origin in a network with the same links; this
+    /// search leaves its own there. Paths of equal cost apart, it does not change the result.
+    pub fn search(&mut self, network: &Network, link_costs: &[f64], origin: u32, order: &mut SearchOrder) {
+        self.origin = origin;
+        self.cost.fill(f64::INFINITY);
+        self.entering_link.fill(NONE);
+        self.heap.clear();
+        self.cost[origin as usize] = 0.0;
+        let order = &mut order.nodes;
+        if order.is_empty() {
+            self.heap.put(0.0, origin);
+            while let Some((cost, node)) = self.heap.pop() {
+                order.push(node);
+                self.scan(network, link_costs, cost, node);
             }
-            for outgoing in network.outgoing(node as usize) {
+        } else {
+            self.follow(network, link_costs, order);
+            self.correct(network, link_costs);
+            if !self.corrected.is_empty() {
+                self.merge_corrected(order);
+            }
+        }
+        self.enter_dead_ends(network, link_costs);
+    }
+
+    /// Looks at the links that leave a settled node; what they improve is queued.
+    #[inline]
+    fn scan(&mut self, network: &Network, link_costs: &[f64], node_cost: f64, node: u32) {
+        let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
+        for outgoing in network.outgoing_through(node as usize) {
+            let through_node = node_cost + link_costs[outgoing.link as usize];
+            let neighbour = outgoing.term_node as usize;
+            if through_node < cost[neighbour] {
+                cost[neighbour] = through_node;
+                entering_link[neighbour] = outgoing.link;
+                self.heap.put(through_node, outgoing.term_node);
+            }
+        }
+    }
+
+    /// Looks at all nodes in the old order; only nodes that are improved after their turn are queued.
+    fn follow(&mut self, network: &Network, link_costs: &[f64], order: &[u32]) {
+        self.scanned.fill(false);
+        let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
+        let scanned = self.scanned.as_mut_slice();
+        for &node in order {
+            let node_cost = cost[node as usize];
+            scanned[node as usize] = true;
+            for outgoing in network.outgoing_through(node as usize) {
                 let through_node = node_cost + link_costs[outgoing.link as usize];
                 let neighbour = outgoing.term_node as usize;
                 if through_node < cost[neighbour] {
                     cost[neighbour] = through_node;
                     entering_link[neighbour] = outgoing.link;
-                    heap.put(through_node, outgoing.term_node);
+                    if scanned[neighbour] {
+                        self.heap.put(through_node, outgoing.term_node);
+                    }
                 }
+            }
+        }
+    }
+
+    /// Dijkstra's algorithm from the queued nodes; each comes at most once more.
+    fn correct(&mut self, network: &Network, link_costs: &[f64]) {
+        self.corrected.clear();
+        while let Some((cost, node)) = self.heap.pop() {
+            self.corrected.push(node);
+            self.scan(network, link_costs, cost, node);
+        }
+    }
+
+    /// Moves the corrected nodes to where their new cost belongs.
+    fn merge_corrected(&mut self, order: &mut Vec<u32>) {
+        for &node in &self.corrected {
+            self.scanned[node as usize] = false;
+        }
+        self.merged.clear();
+        let mut corrected = self.corrected.iter().copied().peekable();
+        for &node in order.iter().filter(|&&node| self.scanned[node as usize]) {
+            let cost = self.cost[node as usize];
+            while let Some(earlier) = corrected.next_if(|&next| self.cost[next as usize] < cost) {
+                self.merged.push(earlier);
+            }
+            self.merged.push(node);
+        }
+        self.merged.extend(corrected);
+        order.clone_from(&self.merged);
+    }
+
+    /// Ends the paths to nodes that no path passes through.
+    fn enter_dead_ends(&mut self, network: &Network, link_costs: &[f64]) {
+        for &link in network.dead_end_links() {
+            let from = network.init_node(link);
+            if network.is_dead_end(from) && from != self.origin {
+                continue;
+            }
+            let through_node = self.cost[from as usize] + link_costs[link as usize];
+            let end = network.term_node(link) as usize;
+            if through_node < self.cost[end] {
+                self.cost[end] = through_node;
+                self.entering_link[end] = link;
             }
         }
     }
@@ -75,11 +168,6 @@ impl ShortestPathTree {
             NONE => None,
             link => Some(link),
         }
-    }
-
-    /// The nodes that are reached, by ascending cost, the origin first.
-    pub fn settled(&self) -> &[u32] {
-        &self.settled
     }
 
     /// Writes the links of the cheapest path to `node` into `links`, the last one first.

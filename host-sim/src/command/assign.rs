@@ -1,20 +1,19 @@
-//! `host-sim assign`: static traffic assignment on a TNTP network or on the urban grid.
+//! `host-sim assign`: static traffic assignment on a TNTP, GMNS or SUMO network or on the urban grid.
+
+mod outputs;
+mod problem;
 
 use crate::assignment::check::{self, Evaluation};
-use crate::assignment::grid::Grid;
 use crate::assignment::network::check_not_negative;
 use crate::assignment::{
-    Algorithm, CostWeights, Demand, Network, Objective, Options, Solution, assign_observed, tntp,
+    Algorithm, Demand, IterationRecord, Network, Objective, Options, Solution, Stop, assign_from,
+    assign_observed, path_flows,
 };
-use crate::error::{Error, Result};
-use crate::report::files::write_whole;
+use crate::error::Result;
 use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-
-/// The name that takes the place of a network file.
-const GRID: &str = "grid";
 
 /// A solve that is shorter than this shows no progress bar (chosen).
 const PROGRESS_DELAY: Duration = Duration::from_millis(500);
@@ -25,10 +24,12 @@ const CONVERGENCE_ROWS: usize = 12;
 /// Assign demand to a road network: user equilibrium or system optimum.
 #[derive(Debug, Clone, clap::Args)]
 pub struct AssignArguments {
-    /// TNTP network file, or `grid` for the urban grid of 4x4 intersections
-    #[arg(long, value_name = "FILE|grid")]
+    /// TNTP network file, folder with GMNS node.csv and link.csv, SUMO net.xml, or `grid` for the urban grid of 4x4
+    /// intersections
+    #[arg(long, value_name = "FILE|DIR|grid")]
     pub net: String,
-    /// TNTP trip table; none with `grid`, which brings one vehicle per hour and pair of intersections
+    /// Trips in the network's format: TNTP trip table, CSV o_zone_id,d_zone_id,volume, or SUMO trips or routes (a vehicle
+    /// counts one per hour); none with `grid`, which brings one vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
     /// Solve nothing: judge the flows of this CSV (init_node,term_node,volume,cost; one row per link in file order)
@@ -55,6 +56,24 @@ pub struct AssignArguments {
     /// Write the link flows to this CSV (init_node,term_node,volume,cost; one row per link in file order)
     #[arg(long, value_name = "FILE.csv")]
     pub flows: Option<PathBuf>,
+    /// Write the path flows to this CSV (origin,destination,volume,cost,links; links by number in file order)
+    #[arg(long, value_name = "FILE.csv")]
+    pub paths: Option<PathBuf>,
+    /// Start from the path flows of this CSV, as --paths wrote it for the same links: other capacities, another demand
+    #[arg(long, value_name = "PATHS")]
+    pub warm: Option<PathBuf>,
+    /// Write cost, time, length and toll of the cheapest way between every two zones to this CSV
+    #[arg(long, value_name = "FILE.csv")]
+    pub skims: Option<PathBuf>,
+    /// Link from one node to another whose trips --selected shall list (repeatable)
+    #[arg(long, value_name = "FROM,TO")]
+    pub select_link: Vec<String>,
+    /// Write which pairs of zones use the links of --select-link, and how much of each, to this CSV
+    #[arg(long, value_name = "FILE.csv")]
+    pub selected: Option<PathBuf>,
+    /// Write the record of all iterations to this CSV (iteration,relative_gap,objective,seconds)
+    #[arg(long, value_name = "FILE.csv")]
+    pub convergence: Option<PathBuf>,
     /// Threads; 0 takes one per core. The flows do not depend on it
     #[arg(long, default_value_t = 0)]
     pub threads: usize,
@@ -80,12 +99,13 @@ impl AssignArguments {
 /// Solves or judges, and reports.
 ///
 /// # Errors
-/// [`Error::Input`] for an option, network, trip table or flow file that makes no sense; [`Error::File`] for a file that
-/// cannot be read or written. Not reaching the gap is none: the report says so.
+/// [`Error::Input`](crate::error::Error::Input) for an option, network, trip table, flow or path file that makes no sense;
+/// [`Error::File`](crate::error::Error::File) for a file that cannot be read or written. Not reaching the gap is none: the
+/// report says so.
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
     check_options(arguments)?;
-    let (network, demand) = read_problem(arguments)?;
+    let (network, demand) = problem::read(arguments)?;
     match &arguments.check {
         Some(path) => judge(arguments, &network, &demand, path, start),
         None => solve(arguments, &network, &demand, start),
@@ -96,39 +116,7 @@ fn check_options(arguments: &AssignArguments) -> Result<()> {
     check_not_negative("--gap", arguments.gap())?;
     check_not_negative("--toll-weight", arguments.toll_weight)?;
     check_not_negative("--distance-weight", arguments.distance_weight)?;
-    if arguments.check.is_some() && arguments.flows.is_some() {
-        return Err(Error::input(
-            "--flows",
-            "--check beside it",
-            "one of the two: --check solves nothing",
-        ));
-    }
-    Ok(())
-}
-
-fn read_problem(arguments: &AssignArguments) -> Result<(Network, Demand)> {
-    if arguments.net == GRID {
-        if let Some(trips) = &arguments.trips {
-            let expected = "none with `--net grid`, which brings its own demand";
-            return Err(Error::input("--trips", trips.display(), expected));
-        }
-        let grid = Grid::default();
-        return Ok((grid.network()?, grid.demand()?));
-    }
-    let Some(trips) = &arguments.trips else {
-        return Err(Error::input(
-            "--trips",
-            "none",
-            "a TNTP trip table for the network file",
-        ));
-    };
-    let weights = CostWeights {
-        toll: arguments.toll_weight,
-        distance: arguments.distance_weight,
-    };
-    let network = tntp::read_network(arguments.net.as_ref(), weights)?;
-    let demand = tntp::read_trips(trips, network.numbering().zones)?;
-    Ok((network, demand))
+    outputs::check_options(arguments)
 }
 
 fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start: Instant) -> Result<()> {
@@ -139,24 +127,34 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         max_iterations: arguments.max_iterations,
         threads: arguments.threads,
     };
+    let selection = outputs::Selection::new(arguments, network)?;
+    let start_paths = match &arguments.warm {
+        Some(path) => Some(path_flows::read_paths(path, network)?),
+        None => None,
+    };
     let progress = (!arguments.json).then(Progress::new);
     let solve_start = Instant::now();
-    let solution = assign_observed(network, demand, &options, &mut |record| {
+    let mut observe = |record: &IterationRecord| {
         if let Some(progress) = &progress {
             progress.show(record.iteration, record.relative_gap);
         }
-    })?;
+    };
+    let solution = match &start_paths {
+        Some(paths) => assign_from(network, demand, &options, paths, &mut observe)?,
+        None => assign_observed(network, demand, &options, &mut observe)?,
+    };
     let seconds = solve_start.elapsed().as_secs_f64();
     if let Some(progress) = progress {
         progress.finish();
     }
-    if let Some(path) = &arguments.flows {
-        let text = check::format_flows(network, &solution.link_flows, &solution.link_costs);
-        write_whole(path, text.as_bytes())?;
-    }
+    outputs::write(arguments, network, &selection, &solution)?;
     if !solution.converged {
+        let why = match solution.stopped {
+            Stop::Stagnation => "stagnated, as far as this method and double precision go",
+            Stop::Gap | Stop::Iterations => "not converged",
+        };
         eprintln!(
-            "not converged: relative gap {:.3e} after {} iterations, {:e} was asked for",
+            "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
             solution.relative_gap,
             solution.iterations,
             arguments.gap()
@@ -171,8 +169,8 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     } else {
         print_problem(network, demand);
         print_solution(&solution, seconds, seconds_total);
-        if let Some(path) = &arguments.flows {
-            say!("link flows           {}", path.display());
+        for (word, path) in outputs::written(arguments) {
+            say!("{word:<21}{}", path.display());
         }
     }
     Ok(())
@@ -221,6 +219,8 @@ fn solution_json(
         "total_travel_time": solution.total_travel_time,
         "iterations": solution.iterations,
         "converged": solution.converged,
+        "stopped": stop_name(solution.stopped),
+        "paths": solution.path_flows.len(),
         "links": network.links().len(),
         "zones": network.numbering().zones,
         "pairs": demand.pairs(),
@@ -229,6 +229,15 @@ fn solution_json(
         "seconds": seconds,
         "seconds_total": seconds_total,
     })
+}
+
+/// Why a solve ended, in a word.
+fn stop_name(stop: Stop) -> &'static str {
+    match stop {
+        Stop::Gap => "gap",
+        Stop::Iterations => "iterations",
+        Stop::Stagnation => "stagnation",
+    }
 }
 
 fn evaluation_json(
@@ -286,6 +295,7 @@ fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
         "converged            {}",
         if solution.converged { "yes" } else { "NO" }
     );
+    say!("stopped by           {}", stop_name(solution.stopped));
     say!("relative gap         {:.4e}", solution.relative_gap);
     say!("objective            {}", solution.objective);
     say!("total travel time    {}", solution.total_travel_time);
