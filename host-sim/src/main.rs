@@ -22,6 +22,8 @@ enum Command {
     Assign(command::assign::AssignArguments),
     /// The paper's path-planning figures with their data
     Figures(command::figures::FigureArguments),
+    /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
+    Deadline(command::deadline::DeadlineArguments),
 }
 
 fn main() -> ExitCode {
@@ -34,6 +36,7 @@ fn main() -> ExitCode {
         Some(Command::Run(arguments)) => command::run::run(&arguments),
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
+        Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
     };
     command::finish(outcome)
 }
