@@ -75,7 +75,7 @@ pub(super) fn infer<const INPUTS: usize>(
     if !output.stream().as_ptr().cast::<u32>().is_aligned() {
         return None;
     }
-    let (mut now, mut next) = (&mut scratch.now, &mut scratch.next);
+    let [mut now, mut next] = scratch.0.each_mut();
     now.load(input);
     let mut outputs = [0; MAX_OUTPUTS];
     let columns = network.layers().next()?.geometry().columns();

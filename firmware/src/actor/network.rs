@@ -12,18 +12,12 @@ pub struct Activations(pub(super) [i16; MAX_WIDTH]);
 
 /// The activations of one inference, so that no slot allocates or clears anything.
 #[derive(Clone, Debug)]
-pub struct Scratch {
-    pub(super) now: Activations,
-    pub(super) next: Activations,
-}
+pub struct Scratch(pub(super) [Activations; 2]);
 
 impl Scratch {
     /// What an inference leaves here means nothing to the next.
     pub const fn new() -> Self {
-        Self {
-            now: Activations([0; MAX_WIDTH]),
-            next: Activations([0; MAX_WIDTH]),
-        }
+        Self([const { Activations([0; MAX_WIDTH]) }; 2])
     }
 }
 
@@ -110,7 +104,7 @@ impl<'t> Network<'t> {
         scratch: &mut Scratch,
         input: &[i8; INPUTS],
     ) -> [i32; MAX_OUTPUTS] {
-        let (mut now, mut next) = (&mut scratch.now, &mut scratch.next);
+        let [mut now, mut next] = scratch.0.each_mut();
         now.load(input);
         for layer in self.hidden_layers() {
             layer.hidden(now, next);
