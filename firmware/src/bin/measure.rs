@@ -6,7 +6,8 @@
 //!
 //! # Job
 //! Little-endian words: [`MAGIC`], seed, number of slots, number of networks, then for each network: inputs to compute,
-//! number of widths, five widths, length of its bytes, its bytes.
+//! number of widths, five widths, length of its bytes, bytes to skip (0 to 3: the next ones are then not aligned to a
+//! word), its bytes, zeros to a word.
 //!
 //! # Results
 //! * `network INDEX kernel MIN MAX portable MIN MAX mismatches N digest CRC`
@@ -185,7 +186,10 @@ mod target {
                 *width = job.word()? as usize;
             }
             let length = job.word()? as usize;
+            let skipped = job.word()? as usize;
+            let _ = job.bytes(skipped)?;
             let bytes = job.bytes(length)?;
+            let _ = job.bytes((skipped + length).next_multiple_of(4) - skipped - length)?;
             let network = match Network::parse(widths.get(..width_count)?, bytes) {
                 Ok(network) => network,
                 Err(error) => {

@@ -36,6 +36,8 @@ pub struct Subject {
     pub network: PackedNetwork,
     /// Inputs.
     pub inputs: u32,
+    /// Bytes, 0 to 3, by which the network misses a word's boundary.
+    pub misalignment: usize,
 }
 
 /// Least and greatest number of instructions.
@@ -130,6 +132,7 @@ pub fn report(images: &Images, extent: &Extent) -> Result<Report> {
             Ok(Subject {
                 network: PackedNetwork::random(extent.seed, &widths)?,
                 inputs: extent.inputs.div_ceil(share),
+                misalignment: 0,
             })
         })
         .collect::<Result<Vec<Subject>>>()?;
@@ -257,14 +260,22 @@ fn job(seed: u64, slots: u32, subjects: &[Subject]) -> Vec<u8> {
     word(fold(seed));
     word(slots);
     word(subjects.len() as u32);
-    for Subject { network, inputs } in subjects {
+    for Subject {
+        network,
+        inputs,
+        misalignment,
+    } in subjects
+    {
         let mut word = |value: usize| job.extend((value as u32).to_le_bytes());
         word(*inputs as usize);
         word(network.widths.len());
         let padded = network.widths.iter().copied().chain(std::iter::repeat(0));
         padded.take(JOB_WIDTHS).for_each(&mut word);
         word(network.bytes.len());
+        word(*misalignment);
+        job.resize(job.len() + misalignment, 0);
         job.extend(&network.bytes);
+        job.resize(job.len().next_multiple_of(4), 0);
     }
     job
 }
