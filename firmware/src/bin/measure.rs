@@ -129,7 +129,7 @@ mod target {
 
     #[panic_handler]
     fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
-        say(format_args!("failed {info}"));
+        say(format_args!("failed: {info}"));
         semihosting::exit(false);
         loop {
             wfi();
@@ -193,7 +193,7 @@ mod target {
             let network = match Network::parse(widths.get(..width_count)?, bytes) {
                 Ok(network) => network,
                 Err(error) => {
-                    say(format_args!("failed network {index}: {error}"));
+                    say(format_args!("failed: network {index}: {error}"));
                     return None;
                 }
             };

@@ -97,7 +97,7 @@ pub fn measure(image: &Path, job: &[u8]) -> Result<Vec<String>> {
         .collect();
     match lines.last().map(String::as_str) {
         Some("done") => Ok(lines),
-        Some(last) => Err(broken(last)),
+        Some(last) => Err(broken(last.trim_start_matches("failed: "))),
         None => Err(broken("no measurements")),
     }
 }
