@@ -140,5 +140,7 @@ impl Measurement {
 
 /// The age at the beginning of `slot` when `last_acknowledged` was the latest success; [`Age::MAX`] if there was none.
 pub(crate) fn age_at(slot: SlotIndex, last_acknowledged: Option<SlotIndex>) -> Age {
-    last_acknowledged.map_or(Age::MAX, |acknowledged| Age::after(slot.since(acknowledged)))
+    // A success so long ago stands for none, so that both take the same instructions.
+    let longest_ago = SlotIndex(slot.0.wrapping_sub(u32::from(Age::MAX.slots())));
+    Age::after(slot.since(last_acknowledged.unwrap_or(longest_ago)))
 }

@@ -89,7 +89,10 @@ impl Observation {
 
     /// Whether some sub-channel is [`STRONG`].
     pub fn strong(&self) -> bool {
-        self.gain.iter().any(|&gain| gain >= STRONG)
+        // Not `any`, which stops at the first: the same instructions for all gains.
+        self.gain
+            .iter()
+            .fold(false, |strong, &gain| strong | (gain >= STRONG))
     }
 
     /// Private randomness without a generator, uniform on 0 to 65536: u = a / (a + b) of the other two sub-channels'
@@ -171,13 +174,14 @@ pub fn turn_lost_after(period: Period) -> u8 {
     period.slots().saturating_mul(7).clamp(50, 98)
 }
 
+/// Rotates by indexing, not by cases: the same instructions for every home.
 fn home_first(values: &[Level; SUB_CHANNELS], home: SubChannel) -> [Level; SUB_CHANNELS] {
     let [a, b, c] = *values;
-    match home.index() {
-        0 => [a, b, c],
-        1 => [b, c, a],
-        _ => [c, a, b],
-    }
+    let twice = [a, b, c, a, b];
+    core::array::from_fn(|offset| {
+        let place = home.index().saturating_add(offset);
+        twice.get(place).copied().unwrap_or(a)
+    })
 }
 
 const fn flag(condition: bool) -> i8 {

@@ -7,7 +7,7 @@
 //! | offset | type | field |
 //! |---|---|---|
 //! | 0 | 4 bytes | magic `FLAT` |
-//! | 4 | u16 | version, 1 |
+//! | 4 | u16 | version, 2 |
 //! | 6 | u8 | number of dense layers, 1 to [`MAX_LAYERS`] |
 //! | 7 | u8 | sub-channels, 3 |
 //! | 8 | u32 | length of the whole table with its checksum |
@@ -22,22 +22,38 @@
 //! | 40 | u64 | training seed |
 //! | 48 | 20 bytes | source revision (git object name; zeros if unknown) |
 //! | 68 | 5 x u32 | scale of the inputs, then of each layer's outputs: the real value of one step, in 2^-24 |
-//! | 88 | layers | each: `outputs` x i32 biases, `outputs` x i32 multipliers, `outputs x inputs` i8 weights, zeros to a multiple of 4 |
+//! | 88 | layers | each: an i32 bias for every row of the stream, then the stream |
 //! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
 //!
 //! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`]).
+//!
+//! # Stream
+//! The weights lie in the order in which the Cortex-M4's kernel uses them (`actor/kernel.rs` explains why), and in no other
+//! form: two forms could contradict each other and would double the flash. Rows are padded to a multiple of 8, those
+//! of the last layer to a multiple of 4, and columns to a multiple of 8, all with zeros: biases, multipliers and
+//! weights. Every four rows `r` to `r + 3` make a quad of `columns + 8` words:
+//!
+//! | words | content |
+//! |---|---|
+//! | 4 | for the pairs `r`, `r + 1` and `r + 2`, `r + 3` of an even and an odd row: 256 x even bias + odd bias, modulo 2^32; then odd bias - sum over every four columns of (w0 w2 + w1 w3) of the odd row |
+//! | `columns` | for every four columns: 4 x i16 for the first pair, 4 x i16 for the second, each 256 x even weight + odd weight |
+//! | 4 | i32 multipliers of the four rows |
+//!
+//! So an even row's weight cannot be -128 beside a negative one in the odd row. An even row's accumulator must stay in
+//! -2^23 to 2^23 - 1 for all activations (-128 to 127 in the first layer, 0 to 255 in the others). For biases of 0 and
+//! weights up to 127 that is so for any row of up to 259 hidden inputs; the trainer's export says which row of a wider one
+//! does not fit.
 
-use crate::actor::{DenseLayer, MAX_WIDTH};
+use crate::actor::{DenseLayer, MAX_WIDTH, Network};
 use crate::decision::{ACTIONS, JOINER_LEVELS, PowerPlan};
 use crate::observation::INPUTS;
 use crate::units::{Dbm, Level, SUB_CHANNELS};
 use crc::{CRC_32_ISO_HDLC, Crc};
-use heapless::Vec;
 
 /// First bytes of a table.
 pub const MAGIC: [u8; 4] = *b"FLAT";
 /// The format's version.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Most dense layers in a table.
 pub const MAX_LAYERS: usize = 4;
 /// Bytes before the first layer.
@@ -146,8 +162,7 @@ impl core::error::Error for TableError {}
 /// A checked table. Copies nothing: the layers point into the bytes.
 #[derive(Clone, Debug)]
 pub struct Table<'t> {
-    hidden: Vec<DenseLayer<'t>, { MAX_LAYERS - 1 }>,
-    output: DenseLayer<'t>,
+    network: Network<'t>,
     scales: [u32; MAX_LAYERS + 1],
     max_vehicles: u16,
     required_sinr: Level,
@@ -161,6 +176,9 @@ impl<'t> Table<'t> {
     ///
     /// # Errors
     /// [`TableError`] names the first field that does not fit. Nothing past the checksum is trusted before it matches.
+    // Inlined: a table that arrives through a pointer makes the compiler build a unit, 4 KiB of activations in it, twice on
+    // the stack before it moves to its place (8.6 KiB of stack instead of 4.4).
+    #[inline(always)]
     pub fn parse(bytes: &'t [u8]) -> Result<Self, TableError> {
         let length = bytes.len() as u32;
         let truncated = TableError::Truncated {
@@ -195,7 +213,7 @@ impl<'t> Table<'t> {
 
         expect("sub_channels", i32::from(sub_channels), SUB_CHANNELS as i32)?;
         if layers == 0 || usize::from(layers) > MAX_LAYERS {
-            return Err(field("layers", i32::from(layers), MAX_LAYERS as i32));
+            return Err(TableError::field("layers", i32::from(layers), MAX_LAYERS as i32));
         }
         let max_vehicles = reader.u16()?;
         let required_sinr = reader.level()?;
@@ -210,7 +228,7 @@ impl<'t> Table<'t> {
             *width = usize::from(reader.u16()?);
             let used = index <= usize::from(layers);
             if *width > MAX_WIDTH || (*width > 0) != used {
-                return Err(field(
+                return Err(TableError::field(
                     "width",
                     *width as i32,
                     if used { MAX_WIDTH as i32 } else { 0 },
@@ -219,7 +237,7 @@ impl<'t> Table<'t> {
         }
         let [modified, reserved] = reader.array()?;
         if modified > 1 {
-            return Err(field("modified", i32::from(modified), 1));
+            return Err(TableError::field("modified", i32::from(modified), 1));
         }
         expect("reserved", i32::from(reserved), 0)?;
         let seed = u64::from_le_bytes(reader.array()?);
@@ -229,25 +247,19 @@ impl<'t> Table<'t> {
             *scale = reader.u32()?;
         }
 
-        let mut hidden = Vec::new();
-        let mut output = None;
-        for window in widths.windows(2).take(usize::from(layers)) {
-            let [inputs, outputs] = *window else { continue };
-            let layer = reader.layer(inputs, outputs)?;
-            if let Some(previous) = output.replace(layer) {
-                hidden
-                    .push(previous)
-                    .map_err(|_| field("layers", i32::from(layers), MAX_LAYERS as i32))?;
-            }
-        }
-        let output = output.ok_or(field("layers", 0, MAX_LAYERS as i32))?;
-        expect("left over bytes", reader.rest.len() as i32, 0)?;
-        let inputs = hidden.first().unwrap_or(&output).inputs_len();
+        let (used, _) = widths
+            .split_at_checked(usize::from(layers).saturating_add(1))
+            .unwrap_or((&widths, &[]));
+        let network = Network::parse(used, reader.rest)?;
+        let [inputs, ..] = widths;
         expect("inputs", inputs as i32, INPUTS as i32)?;
-        expect("outputs", output.outputs_len() as i32, ACTIONS as i32)?;
+        expect(
+            "outputs",
+            network.output_layer().outputs_len() as i32,
+            ACTIONS as i32,
+        )?;
         Ok(Self {
-            hidden,
-            output,
+            network,
             scales,
             max_vehicles,
             required_sinr,
@@ -264,14 +276,19 @@ impl<'t> Table<'t> {
         })
     }
 
+    /// The network.
+    pub const fn network(&self) -> &Network<'t> {
+        &self.network
+    }
+
     /// The layers before the last.
     pub fn hidden_layers(&self) -> &[DenseLayer<'t>] {
-        &self.hidden
+        self.network.hidden_layers()
     }
 
     /// The last layer.
     pub const fn output_layer(&self) -> &DenseLayer<'t> {
-        &self.output
+        self.network.output_layer()
     }
 
     /// The real value of one step of the inputs, then of each layer's outputs, in 2^-24; unused ones are 0.
@@ -305,11 +322,14 @@ impl<'t> Table<'t> {
     }
 }
 
-const fn field(name: &'static str, found: i32, expected: i32) -> TableError {
-    TableError::Field {
-        name,
-        found,
-        expected,
+impl TableError {
+    /// A field that does not fit.
+    pub(crate) const fn field(name: &'static str, found: i32, expected: i32) -> Self {
+        Self::Field {
+            name,
+            found,
+            expected,
+        }
     }
 }
 
@@ -317,7 +337,7 @@ fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), TableErro
     if found == expected {
         Ok(())
     } else {
-        Err(field(name, found, expected))
+        Err(TableError::field(name, found, expected))
     }
 }
 
@@ -353,24 +373,5 @@ impl<'t> Reader<'t> {
 
     fn level(&mut self) -> Result<Level, TableError> {
         Ok(Level::from_le_bytes(self.array()?))
-    }
-
-    fn layer(&mut self, inputs: usize, outputs: usize) -> Result<DenseLayer<'t>, TableError> {
-        let words = outputs.saturating_mul(4);
-        let (biases, _) = self.take(words)?.as_chunks::<4>();
-        let (multipliers, _) = self.take(words)?.as_chunks::<4>();
-        let count = outputs.saturating_mul(inputs);
-        let padded = self.take(count.next_multiple_of(4))?;
-        let (weights, padding) = padded.split_at_checked(count).unwrap_or((padded, &[]));
-        for bias in biases {
-            let bias = i32::from_le_bytes(*bias);
-            if bias.unsigned_abs() > crate::actor::MAX_BIAS.unsigned_abs() {
-                return Err(field("bias", bias, crate::actor::MAX_BIAS));
-            }
-        }
-        if padding.iter().any(|&byte| byte != 0) {
-            return Err(field("padding", 1, 0));
-        }
-        Ok(DenseLayer::new(inputs, biases, multipliers, weights))
     }
 }

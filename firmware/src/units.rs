@@ -83,14 +83,12 @@ impl Age {
 
     /// The age `slots` after a success, saturating at both ends.
     pub const fn after(slots: u32) -> Self {
-        if slots >= Self::MAX.0 as u32 {
-            Self::MAX
-        } else if slots == 0 {
-            Self::MIN
-        } else {
-            #[allow(clippy::cast_possible_truncation, reason = "below 100 by the branch above")]
-            Self(slots as u8)
-        }
+        // Two selections and no early return: the same instructions for every age.
+        let most = Self::MAX.0 as u32;
+        let slots = if slots > most { most } else { slots };
+        let slots = if slots == 0 { 1 } else { slots };
+        #[allow(clippy::cast_possible_truncation, reason = "at most 100")]
+        Self(slots as u8)
     }
 
     /// The age one slot later without a success.

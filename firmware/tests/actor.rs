@@ -77,10 +77,26 @@ fn the_widest_layers_and_the_extremes_follow_the_specification() {
     let extreme_inputs = [[i8::MIN; INPUTS], [i8::MAX; INPUTS], [0; INPUTS]];
     agrees(&contents, &extreme_inputs);
     for layer in &mut contents.layers {
+        let inputs = layer.weights[0].len();
         for (index, row) in layer.weights.iter_mut().enumerate() {
-            let odd = index % 2 == 1;
-            row.fill(if odd { i8::MIN } else { i8::MAX });
-            layer.biases[index] = if odd { -(1 << 30) } else { 1 << 30 };
+            // An even row may use 24 bits: 259 hidden inputs at full weight. An odd row may use all, with any bias.
+            let (weight, length, bias) = match index % 4 {
+                0 => (
+                    i8::MAX,
+                    inputs.min(259),
+                    (1 << 23) - 1 - 127 * 255 * inputs.min(259) as i32,
+                ),
+                1 => (i8::MIN, inputs, -(1 << 30)),
+                2 => (
+                    -127,
+                    inputs.min(259),
+                    -(1 << 23) + 127 * 255 * inputs.min(259) as i32,
+                ),
+                _ => (i8::MAX, inputs, 1 << 30),
+            };
+            row.fill(0);
+            row[..length].fill(weight);
+            layer.biases[index] = bias;
             layer.multipliers[index] = if index % 4 < 2 { i32::MIN } else { i32::MAX };
         }
     }

@@ -84,12 +84,12 @@ fn widen(contents: &mut Contents, layer: usize, inputs: usize) {
 
 #[test]
 fn every_refusal_names_its_field() {
-    let cases: [(String, &str); 16] = [
+    let cases: [(String, &str); 20] = [
         (
             refusal(|c| c.magic = *b"GIRF"),
             "magic: found [47, 49, 52, 46], expected [46, 4c, 41, 54] (FLAT)",
         ),
-        (refusal(|c| c.version = 2), "version: found 2, expected 1"),
+        (refusal(|c| c.version = 1), "version: found 1, expected 2"),
         (
             refusal(|c| c.sub_channels = 4),
             "sub_channels: found 4, expected 3",
@@ -110,6 +110,34 @@ fn every_refusal_names_its_field() {
             "bias: found 1073741825, expected 1073741824",
         ),
         (refusal(|c| c.padding = 1), "padding: found 1, expected 0"),
+        (
+            refusal(|c| c.start_error = 1),
+            "start of sums: found -18459, expected -18460",
+        ),
+        (
+            // The largest even row of 5 hidden inputs: 5 x 255 x 127 and the bias; one more does not fit.
+            refusal(|c| {
+                c.layers[1].weights[2] = vec![127; 5];
+                c.layers[1].biases[2] = (1 << 23) - 5 * 255 * 127;
+            }),
+            "even row sum: found 8388608, expected 8388608",
+        ),
+        (
+            // The least: the first layer's int8 inputs, -128 x 127 of them.
+            refusal(|c| {
+                c.layers[0].weights[4] = vec![127; 20];
+                c.layers[0].biases[4] = -(1 << 23) + 20 * 128 * 127 - 1;
+            }),
+            "even row sum: found -8388609, expected 8388608",
+        ),
+        (
+            // 256 x -128 - 1 wraps.
+            refusal(|c| {
+                c.layers[1].weights[0][0] = -128;
+                c.layers[1].weights[1] = vec![-1; 5];
+            }),
+            "weight pair: found 32767, expected 32639",
+        ),
         (refusal(|c| widen(c, 0, 21)), "inputs: found 21, expected 20"),
         (
             refusal(|c| {
@@ -123,7 +151,7 @@ fn every_refusal_names_its_field() {
         ),
         (
             refusal(|c| drop(c.layers.pop())),
-            "truncated: found 0 bytes, expected at least 24",
+            "truncated: found 48 bytes, expected at least 128",
         ),
     ];
     for (found, expected) in cases {

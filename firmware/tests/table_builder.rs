@@ -47,8 +47,10 @@ pub struct Contents {
     pub scales: [u32; 5],
     /// The layers.
     pub layers: Vec<Layer>,
-    /// What fills a layer up to a word.
-    pub padding: u8,
+    /// The weights of padding rows and columns, in their odd rows.
+    pub padding: i8,
+    /// Added to the sums that every quad starts from.
+    pub start_error: i32,
 }
 
 impl Contents {
@@ -67,7 +69,7 @@ impl Contents {
         rng.fill_bytes(&mut revision);
         Self {
             magic: *b"FLAT",
-            version: 1,
+            version: 2,
             layer_count: u8::try_from(widths.len() - 1).unwrap(),
             sub_channels: 3,
             max_vehicles: 60,
@@ -82,6 +84,7 @@ impl Contents {
             scales: [1 << 18, 1 << 16, 1 << 16, 1 << 16, 0],
             layers,
             padding: 0,
+            start_error: 0,
         }
     }
 
@@ -103,21 +106,56 @@ impl Contents {
         bytes.extend(self.revision);
         bytes.extend(self.scales.iter().flat_map(|scale| scale.to_le_bytes()));
         assert_eq!(bytes.len(), 88);
-        for layer in &self.layers {
-            bytes.extend(layer.biases.iter().flat_map(|bias| bias.to_le_bytes()));
-            bytes.extend(layer.multipliers.iter().flat_map(|factor| factor.to_le_bytes()));
-            bytes.extend(
-                layer
-                    .weights
-                    .iter()
-                    .flatten()
-                    .map(|weight| weight.cast_unsigned()),
-            );
-            while !bytes.len().is_multiple_of(4) {
-                bytes.push(self.padding);
+        bytes.extend(self.network_bytes());
+        seal(bytes)
+    }
+
+    /// The layers' bytes alone.
+    pub fn network_bytes(&self) -> Vec<u8> {
+        let last = self.layers.len() - 1;
+        let layers = self.layers.iter().enumerate();
+        layers
+            .flat_map(|(index, layer)| self.layer_bytes(layer, index == last))
+            .collect()
+    }
+
+    fn layer_bytes(&self, layer: &Layer, last: bool) -> Vec<u8> {
+        let outputs = layer.biases.len();
+        let rows = outputs.next_multiple_of(if last { 4 } else { 8 });
+        let columns = layer.weights[0].len().next_multiple_of(8);
+        let bias = |row: usize| layer.biases.get(row).copied().unwrap_or(0);
+        let weight = |row: usize, column: usize| {
+            let padding = if row % 2 == 1 { self.padding } else { 0 };
+            let weight = layer.weights.get(row).and_then(|row| row.get(column));
+            i32::from(weight.copied().unwrap_or(padding))
+        };
+        let mut bytes: Vec<u8> = (0..rows).flat_map(|row| bias(row).to_le_bytes()).collect();
+        for quad in (0..rows).step_by(4) {
+            for even in [quad, quad + 2] {
+                let odd = even + 1;
+                let surplus: i32 = (0..columns)
+                    .filter(|column| column % 4 < 2)
+                    .map(|column| weight(odd, column) * weight(odd, column + 2))
+                    .sum();
+                let both = (i64::from(bias(even)) * 256 + i64::from(bias(odd))) as i32;
+                bytes.extend((both + self.start_error).to_le_bytes());
+                bytes.extend((bias(odd) - surplus).to_le_bytes());
+            }
+            for block in (0..columns).step_by(4) {
+                for even in [quad, quad + 2] {
+                    for column in block..block + 4 {
+                        let halfword = 256 * weight(even, column) + weight(even + 1, column);
+                        // Tests of refusals put in what does not fit.
+                        bytes.extend((halfword as i16).to_le_bytes());
+                    }
+                }
+            }
+            for row in quad..quad + 4 {
+                let multiplier = layer.multipliers.get(row).copied().unwrap_or(0);
+                bytes.extend(multiplier.to_le_bytes());
             }
         }
-        seal(bytes)
+        bytes
     }
 }
 
@@ -131,14 +169,15 @@ pub fn seal(mut body: Vec<u8>) -> Vec<u8> {
 }
 
 impl Layer {
-    fn random(rng: &mut Pcg64Mcg, inputs: usize, outputs: usize) -> Self {
-        let weights = (0..outputs)
+    /// A random layer whose results spread over about 100.
+    pub fn random(rng: &mut Pcg64Mcg, inputs: usize, outputs: usize) -> Self {
+        let weights: Vec<Vec<i8>> = (0..outputs)
             .map(|_| {
                 let row: Vec<i32> = (0..inputs).map(|_| weight(rng)).collect();
                 // Activations are mostly positive: a row with a mean would win or lose on every input.
                 let mean = row.iter().sum::<i32>() / row.len() as i32;
                 row.iter()
-                    .map(|weight| (weight - mean).clamp(-128, 127) as i8)
+                    .map(|weight| (weight - mean).clamp(-127, 127) as i8)
                     .collect()
             })
             .collect();

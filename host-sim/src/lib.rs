@@ -3,7 +3,8 @@
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
 //! [`radio`] -> [`age`]; [`cell`] holds the loop, [`simulation`] runs many worlds of it. What ages mean for the road:
 //! [`capacity`], [`traffic`] and [`assignment`]. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
-//! number of threads.
+//! number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
+//! [`deadline`] says what that takes on the chip.
 
 pub mod age;
 pub mod assignment;
@@ -13,9 +14,11 @@ pub mod cell;
 pub mod channel;
 pub mod closed_loop;
 pub mod command;
+pub mod deadline;
 pub mod error;
 pub mod hil;
 pub mod mobility;
+pub mod pack;
 pub mod policy;
 pub mod radio;
 pub mod report;

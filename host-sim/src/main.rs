@@ -26,6 +26,8 @@ enum Command {
     Figures(command::figures::FigureArguments),
     /// Images in QEMU as vehicles of the cell
     Hil(command::hil::HilArguments),
+    /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
+    Deadline(command::deadline::DeadlineArguments),
 }
 
 fn main() -> ExitCode {
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
+        Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
     };
     command::finish(outcome)
 }

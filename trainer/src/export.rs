@@ -4,6 +4,7 @@ use crate::quantise::QuantisedNetwork;
 use firmware::decision::PowerPlan;
 use firmware::table::{CHECKSUM, HEADER_LEN, MAGIC, MAX_LAYERS, Provenance, Table, VERSION};
 use firmware::units::{Level, SUB_CHANNELS};
+use host_sim::pack::{PackError, pack};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
@@ -22,20 +23,11 @@ pub struct Header {
 }
 
 /// The table's bytes.
-pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Vec<u8> {
-    let mut layers = Vec::new();
-    for layer in &network.layers {
-        layer
-            .biases
-            .iter()
-            .for_each(|bias| layers.extend(bias.to_le_bytes()));
-        layer
-            .multipliers
-            .iter()
-            .for_each(|multiplier| layers.extend(multiplier.to_le_bytes()));
-        layers.extend(layer.weights.iter().map(|weight| weight.to_le_bytes()[0]));
-        layers.resize(layers.len().next_multiple_of(4), 0);
-    }
+///
+/// # Errors
+/// [`PackError`] names the layer and row that the format cannot hold.
+pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Result<Vec<u8>, PackError> {
+    let layers = pack(&network.layers)?;
     let length = (HEADER_LEN + layers.len() + 4) as u32;
     let mut bytes = Vec::from(MAGIC);
     bytes.extend(VERSION.to_le_bytes());
@@ -68,7 +60,7 @@ pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Vec<u8> {
     scales.for_each(|scale| bytes.extend(((scale * 16_777_216.0).round() as u32).to_le_bytes()));
     bytes.extend(layers);
     bytes.extend(CHECKSUM.checksum(&bytes).to_le_bytes());
-    bytes
+    Ok(bytes)
 }
 
 /// Rust source that puts the table into flash. `constant` is its name, `command` what made it.

@@ -3,19 +3,7 @@
 use crate::distil::as_float;
 use crate::network::{Layer, Network};
 use firmware::observation::{INPUTS, ONE};
-
-/// One layer in integers; see [`firmware::actor::DenseLayer`] for what they mean.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct QuantisedLayer {
-    /// Row length.
-    pub inputs: usize,
-    /// `[outputs]`.
-    pub biases: Vec<i32>,
-    /// `[outputs]`, in 2^-32.
-    pub multipliers: Vec<i32>,
-    /// `[outputs][inputs]`.
-    pub weights: Vec<i8>,
-}
+pub use host_sim::pack::IntegerLayer as QuantisedLayer;
 
 /// A network in integers.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,15 @@
 //! The frozen actor: dense int8 layers over a weight table, evaluated in integers only.
+//!
+//! [`DenseLayer`] holds the exact integer specification and portable code that is nothing else. On the Cortex-M4 a kernel
+//! in assembly takes its place; `kernel.rs` explains it.
 
 mod dense;
+#[cfg(target_arch = "arm")]
+mod kernel;
+mod network;
 
-pub(crate) use dense::MAX_BIAS;
-pub use dense::{DenseLayer, MAX_WIDTH};
+pub use dense::{BLOCK_COLUMNS, DenseLayer, EVEN_ROW_LIMIT, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS};
+pub use network::{Activations, Network, Scratch};
 
 use crate::decision::{ACTIONS, Action, Decision};
 use crate::observation::{INPUTS, Observation};
@@ -13,8 +19,7 @@ use crate::table::Table;
 #[derive(Clone, Debug)]
 pub struct Actor<'t> {
     table: Table<'t>,
-    activations: [i16; MAX_WIDTH],
-    next_activations: [i16; MAX_WIDTH],
+    scratch: Scratch,
 }
 
 impl<'t> Actor<'t> {
@@ -22,8 +27,7 @@ impl<'t> Actor<'t> {
     pub const fn new(table: Table<'t>) -> Self {
         Self {
             table,
-            activations: [0; MAX_WIDTH],
-            next_activations: [0; MAX_WIDTH],
+            scratch: Scratch::new(),
         }
     }
 
@@ -34,17 +38,11 @@ impl<'t> Actor<'t> {
 
     /// The network's outputs for an encoded observation, in the table's common output scale.
     pub fn infer(&mut self, input: &[i8; INPUTS]) -> [i32; ACTIONS] {
-        let (mut now, mut next) = (&mut self.activations, &mut self.next_activations);
-        for (activation, &value) in now.iter_mut().zip(input) {
-            *activation = i16::from(value);
-        }
-        for layer in self.table.hidden_layers() {
-            layer.hidden(now, next);
-            core::mem::swap(&mut now, &mut next);
-        }
-        let mut outputs = [0; ACTIONS];
-        self.table.output_layer().outputs(now, &mut outputs);
-        outputs
+        let outputs = self.table.network().infer(&mut self.scratch, input);
+        let (outputs, _) = outputs
+            .split_first_chunk::<ACTIONS>()
+            .unwrap_or((&[0; ACTIONS], &[]));
+        *outputs
     }
 
     /// What to do in this slot.

@@ -2,6 +2,7 @@
 
 pub mod assign;
 pub mod closed_loop;
+pub mod deadline;
 pub mod figures;
 pub mod hil;
 pub mod options;

@@ -108,7 +108,8 @@ pub fn distil_table(
         power_plan: power_plan(scenario),
         provenance,
     };
-    let bytes = table_bytes(&quantised, &header);
+    let bytes = table_bytes(&quantised, &header)
+        .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
     // The firmware's own reader has the last word on what a table is.
     let _: Table<'_> = parse_table(None, &bytes)?;
     Ok(DistilledTable { distilled, bytes })

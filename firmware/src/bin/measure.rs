@@ -1,0 +1,440 @@
+//! Counts instructions: of one inference, and of each stage of a slot. For QEMU alone, never for a chip.
+//!
+//! The emulator is run with one instruction per nanosecond of its clock (`-icount shift=0`), and its TIM2 counts
+//! nanoseconds: the difference of two readings is the number of instructions between them, exactly and repeatably. The job
+//! stands in flash at [`JOB`], where the emulator's loader puts it; the results are lines of text over semihosting.
+//!
+//! # Job
+//! Little-endian words: [`MAGIC`], seed, number of slots, number of networks, then for each network: inputs to compute,
+//! number of widths, five widths, length of its bytes, bytes to skip (0 to 3: the next ones are then not aligned to a
+//! word), its bytes, zeros to a word.
+//!
+//! # Results
+//! * `network INDEX kernel MIN MAX portable MIN MAX mismatches N digest CRC`
+//! * `stage NAME MIN MAX SUM`
+//! * `done`
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    println!(
+        "This program measures inside QEMU: `cargo run --release -- deadline` builds it for the target and runs it."
+    );
+}
+
+#[cfg(target_os = "none")]
+mod target {
+    use core::fmt::Write as _;
+    use core::hint::black_box;
+    use cortex_m::asm::wfi;
+    use firmware::actor::{Actor, MAX_OUTPUTS, Network, Scratch};
+    use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
+    use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, encode};
+    use firmware::measurement::{Broadcast, Measurement, MeasurementError};
+    use firmware::observation::{INPUTS, Observation};
+    use firmware::table::{CHECKSUM, Table};
+    use firmware::tables::DISTILLED;
+    use firmware::unit::{Event, Report, Unit, back_off};
+    use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
+    use heapless::{String, Vec};
+    use rand_core::Rng;
+    use rand_pcg::Pcg32;
+
+    /// Where the loader puts the job: in flash, far behind the program.
+    const JOB: *const u32 = 0x0804_0000 as *const u32;
+    /// First word of a job, `FLMJ`.
+    const MAGIC: u32 = u32::from_le_bytes(*b"FLMJ");
+
+    /// Interrupts are off, and nothing else runs: a counter between two points counts what is between them.
+    mod counter {
+        use stm32f4::stm32f405::{Peripherals, TIM2};
+
+        pub struct Counter(TIM2);
+
+        impl Counter {
+            pub fn start() -> Option<Self> {
+                let peripherals = Peripherals::take()?;
+                peripherals.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
+                peripherals.TIM2.cr1().write(|w| w.cen().set_bit());
+                Some(Self(peripherals.TIM2))
+            }
+
+            /// Instructions that `work` takes, and its result. The load that ends the measurement is none of them.
+            #[inline(always)]
+            pub fn count<T>(&self, work: impl FnOnce() -> T) -> (T, u32) {
+                let start = self.0.cnt().read().bits();
+                let result = core::hint::black_box(work());
+                let end = self.0.cnt().read().bits();
+                (result, end.wrapping_sub(start).wrapping_sub(1))
+            }
+        }
+    }
+    use counter::Counter;
+
+    /// Least, greatest and sum of many counts.
+    #[derive(Clone, Copy)]
+    struct Counts {
+        least: u32,
+        greatest: u32,
+        sum: u64,
+    }
+
+    impl Counts {
+        const NONE: Self = Self {
+            least: u32::MAX,
+            greatest: 0,
+            sum: 0,
+        };
+
+        fn add(&mut self, count: u32) {
+            self.least = self.least.min(count);
+            self.greatest = self.greatest.max(count);
+            self.sum += u64::from(count);
+        }
+    }
+
+    mod semihosting {
+        use core::arch::asm;
+
+        /// One request to the emulator (Arm, "Semihosting for AArch32 and AArch64", section 3).
+        fn call(operation: u32, argument: usize) {
+            // SAFETY: the emulator reads the argument and writes nothing but the result register.
+            #[allow(unsafe_code, reason = "a breakpoint that the emulator serves")]
+            unsafe {
+                asm!("bkpt 0xab", inout("r0") operation => _, in("r1") argument, options(nostack));
+            }
+        }
+
+        /// Writes text that ends in a zero byte.
+        pub fn write(text: &[u8]) {
+            if text.last() == Some(&0) {
+                call(0x04, text.as_ptr() as usize);
+            }
+        }
+
+        /// Ends the emulator: exit code 0, or 1 for a failure.
+        pub fn exit(success: bool) {
+            call(0x18, if success { 0x2_0026 } else { 0x2_0023 });
+        }
+    }
+
+    fn say(arguments: core::fmt::Arguments<'_>) {
+        let mut line = String::<192>::new();
+        let _ = writeln!(line, "{arguments}");
+        let mut bytes = line.into_bytes();
+        if bytes.push(0).is_ok() {
+            semihosting::write(&bytes);
+        }
+    }
+
+    #[panic_handler]
+    fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+        say(format_args!("failed: {info}"));
+        semihosting::exit(false);
+        loop {
+            wfi();
+        }
+    }
+
+    #[cortex_m_rt::entry]
+    fn main() -> ! {
+        let success = run();
+        if success.is_none() {
+            say(format_args!("failed: no job, or one that does not fit"));
+        }
+        semihosting::exit(success.is_some());
+        loop {
+            wfi();
+        }
+    }
+
+    /// The job's words and bytes, in order.
+    struct Job(&'static [u8]);
+
+    impl Job {
+        fn find() -> Option<Self> {
+            const LENGTH: usize = 0x000c_0000;
+            // SAFETY: the rest of the flash, constant memory that always exists.
+            #[allow(unsafe_code, reason = "the loader puts the job at a fixed address")]
+            let mut job = Self(unsafe { core::slice::from_raw_parts(black_box(JOB).cast(), LENGTH) });
+            (job.word()? == MAGIC).then_some(job)
+        }
+
+        fn word(&mut self) -> Option<u32> {
+            let (word, rest) = self.0.split_first_chunk()?;
+            self.0 = rest;
+            Some(u32::from_le_bytes(*word))
+        }
+
+        fn bytes(&mut self, length: usize) -> Option<&'static [u8]> {
+            let (bytes, rest) = self.0.split_at_checked(length)?;
+            self.0 = rest;
+            Some(bytes)
+        }
+    }
+
+    fn run() -> Option<()> {
+        let counter = Counter::start()?;
+        let mut job = Job::find()?;
+        let seed = job.word()?;
+        let slots = job.word()?;
+        for index in 0..job.word()? {
+            let inputs = job.word()?;
+            let width_count = job.word()? as usize;
+            let mut widths = [0; 5];
+            for width in &mut widths {
+                *width = job.word()? as usize;
+            }
+            let length = job.word()? as usize;
+            let skipped = job.word()? as usize;
+            let _ = job.bytes(skipped)?;
+            let bytes = job.bytes(length)?;
+            let _ = job.bytes((skipped + length).next_multiple_of(4) - skipped - length)?;
+            let network = match Network::parse(widths.get(..width_count)?, bytes) {
+                Ok(network) => network,
+                Err(error) => {
+                    say(format_args!("failed: network {index}: {error}"));
+                    return None;
+                }
+            };
+            let rng = Pcg32::new(u64::from(seed), u64::from(index));
+            match widths[0] {
+                1 => measure_network::<1>(&counter, index, &network, inputs, rng),
+                3 => measure_network::<3>(&counter, index, &network, inputs, rng),
+                7 => measure_network::<7>(&counter, index, &network, inputs, rng),
+                8 => measure_network::<8>(&counter, index, &network, inputs, rng),
+                13 => measure_network::<13>(&counter, index, &network, inputs, rng),
+                20 => measure_network::<20>(&counter, index, &network, inputs, rng),
+                65 => measure_network::<65>(&counter, index, &network, inputs, rng),
+                _ => return None,
+            }
+        }
+        if slots > 0 {
+            measure_slots(&counter, Pcg32::new(u64::from(seed), 1 << 32), slots)?;
+        }
+        say(format_args!("done"));
+        Some(())
+    }
+
+    #[inline(never)]
+    fn infer<const INPUTS: usize>(
+        network: &Network<'_>,
+        scratch: &mut Scratch,
+        input: &[i8; INPUTS],
+    ) -> [i32; MAX_OUTPUTS] {
+        network.infer(scratch, input)
+    }
+
+    #[inline(never)]
+    fn infer_portably<const INPUTS: usize>(
+        network: &Network<'_>,
+        scratch: &mut Scratch,
+        input: &[i8; INPUTS],
+    ) -> [i32; MAX_OUTPUTS] {
+        network.infer_portably(scratch, input)
+    }
+
+    /// Extremes now and then, else any values.
+    fn random_input<const INPUTS: usize>(rng: &mut Pcg32, index: u32) -> [i8; INPUTS] {
+        core::array::from_fn(|_| {
+            let random = rng.next_u32().to_le_bytes()[3].cast_signed();
+            match index % 16 {
+                0 => i8::MIN,
+                1 => i8::MAX,
+                2 => 0,
+                3 if random < 0 => i8::MIN,
+                3 => i8::MAX,
+                _ => random,
+            }
+        })
+    }
+
+    fn measure_network<const INPUTS: usize>(
+        counter: &Counter,
+        index: u32,
+        network: &Network<'_>,
+        inputs: u32,
+        mut rng: Pcg32,
+    ) {
+        let (mut scratch, mut other_scratch) = (Scratch::new(), Scratch::new());
+        let (mut kernel, mut portable) = (Counts::NONE, Counts::NONE);
+        let (mut mismatches, mut digest) = (0_u32, CHECKSUM.digest());
+        for input in 0..inputs {
+            let input = random_input::<INPUTS>(&mut rng, input);
+            let (outputs, count) =
+                counter.count(|| infer(black_box(network), &mut scratch, black_box(&input)));
+            kernel.add(count);
+            let (expected, count) =
+                counter.count(|| infer_portably(black_box(network), &mut other_scratch, black_box(&input)));
+            portable.add(count);
+            mismatches += u32::from(outputs != expected);
+            for output in outputs {
+                digest.update(&output.to_le_bytes());
+            }
+        }
+        say(format_args!(
+            "network {index} kernel {} {} portable {} {} mismatches {mismatches} digest {:08x}",
+            kernel.least,
+            kernel.greatest,
+            portable.least,
+            portable.greatest,
+            digest.finalize()
+        ));
+    }
+
+    #[inline(never)]
+    fn frame_in(receiver: &mut Receiver, bytes: &[u8]) -> Option<ModemFrame> {
+        bytes
+            .iter()
+            .filter_map(|&byte| receiver.push(byte))
+            .last()
+            .and_then(Result::ok)
+    }
+
+    #[inline(never)]
+    fn validate(frame: &ModemFrame) -> Result<Event, MeasurementError> {
+        frame.event()
+    }
+
+    #[inline(never)]
+    fn slot(unit: &mut Unit<'static, Pcg32>, event: &Event) -> Option<Report> {
+        unit.slot(event)
+    }
+
+    #[inline(never)]
+    fn observe(measurement: &Measurement, required_sinr: Level) -> (Observation, [i8; INPUTS]) {
+        let observation = Observation::new(measurement);
+        (observation, observation.encode(required_sinr))
+    }
+
+    #[inline(never)]
+    fn actor_infer(actor: &mut Actor<'static>, input: &[i8; INPUTS]) -> [i32; ACTIONS] {
+        actor.infer(input)
+    }
+
+    #[inline(never)]
+    fn decide(plan: &PowerPlan, outputs: &[i32; ACTIONS], observation: &Observation) -> Decision {
+        plan.decision(Action::from_outputs(outputs), observation)
+    }
+
+    #[inline(never)]
+    fn frame_out(report: &Report) -> Option<Vec<u8, MAX_FRAME>> {
+        encode(&UnitFrame::from(report)).ok()
+    }
+
+    fn measure_slots(counter: &Counter, mut rng: Pcg32, slots: u32) -> Option<()> {
+        // Read at run time, as in the deployed image.
+        let table = black_box(DISTILLED);
+        let unit = cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(table, back_off([0; 3])))?;
+        let actor = cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(table).ok()?))?;
+        let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
+        let mut receiver = Receiver::default();
+        let mut total = Counts::NONE;
+        let mut stages = [Counts::NONE; 7];
+        let mut index = u32::MAX - 1000;
+        for _ in 0..slots {
+            // Now and then a modem leaves slots out, or cannot measure.
+            let gap = if below(&mut rng, 64) == 0 {
+                below(&mut rng, 150)
+            } else {
+                0
+            };
+            index = index.wrapping_add(1).wrapping_add(gap);
+            let missed = below(&mut rng, 16) == 0;
+            let frame = if missed {
+                ModemFrame::Missed { slot: index }
+            } else {
+                ModemFrame::Measurement((&random_measurement(&mut rng, index)?).into())
+            };
+            let wire = encode(&frame).ok()?;
+
+            let (frame, frame_in_count) = counter.count(|| frame_in(&mut receiver, black_box(&wire)));
+            let frame = frame?;
+            let (event, validate_count) = counter.count(|| validate(black_box(&frame)));
+            let event = event.ok()?;
+            let (report, slot_count) = counter.count(|| slot(unit, black_box(&event)));
+            let report = report?;
+            let (answer, frame_out_count) = counter.count(|| frame_out(black_box(&report)));
+            let _ = answer?;
+            total.add(frame_in_count + validate_count + slot_count + frame_out_count);
+
+            let mut counts = [
+                frame_in_count,
+                validate_count,
+                0,
+                0,
+                0,
+                slot_count,
+                frame_out_count,
+            ];
+            if let Event::Measured(measurement) = &event {
+                let ((observation, input), observe_count) =
+                    counter.count(|| observe(black_box(measurement), black_box(required_sinr)));
+                let (outputs, infer_count) = counter.count(|| actor_infer(actor, black_box(&input)));
+                let (decision, decide_count) =
+                    counter.count(|| decide(black_box(&plan), black_box(&outputs), black_box(&observation)));
+                if decision != report.decision {
+                    say(format_args!("failed: the stages decide otherwise than the unit"));
+                    return None;
+                }
+                counts[2] = observe_count;
+                counts[3] = infer_count;
+                counts[4] = decide_count;
+            }
+            for (stage, count) in stages.iter_mut().zip(counts) {
+                if count > 0 {
+                    stage.add(count);
+                }
+            }
+        }
+        let names = [
+            "frame_in",
+            "validate",
+            "observe",
+            "infer",
+            "decide",
+            "unit",
+            "frame_out",
+        ];
+        for (name, counts) in names.into_iter().zip(stages).chain([("slot", total)]) {
+            say(format_args!(
+                "stage {name} {} {} {}",
+                counts.least, counts.greatest, counts.sum
+            ));
+        }
+        Some(())
+    }
+
+    /// Uniform on `0..limit`, to within 2^-32.
+    fn below(rng: &mut Pcg32, limit: u32) -> u32 {
+        ((u64::from(rng.next_u32()) * u64::from(limit)) >> 32) as u32
+    }
+
+    /// Spread over everything that a cell brings, and now and then over any level at all.
+    fn random_measurement(rng: &mut Pcg32, slot: u32) -> Option<Measurement> {
+        let wild = below(rng, 16) == 0;
+        let mut level = |lowest: i32, highest: i32| {
+            let (lowest, highest) = if wild {
+                (lowest.min(0) * 12, 127)
+            } else {
+                (lowest, highest)
+            };
+            let bits = lowest * 256 + below(rng, (highest - lowest).unsigned_abs() * 256).cast_signed();
+            Level::from_bits(bits.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16)
+        };
+        let gain = core::array::from_fn(|_| level(-10, 70));
+        let interference = core::array::from_fn(|_| level(0, 40));
+        let acknowledged = match below(rng, 10) {
+            0 => None,
+            1 => Some(1 + below(rng, 100_000)),
+            _ => Some(1 + below(rng, u32::from(Age::MAX.slots()))),
+        };
+        let broadcast = Broadcast {
+            home: SubChannel::new(below(rng, 3) as u8)?,
+            period: Period::new(1 + below(rng, 100) as u8)?,
+            joiner_probability: JoinerProbability::from_code(below(rng, 256) as u8),
+        };
+        let acknowledged = acknowledged.map(|slots| SlotIndex(slot.wrapping_sub(slots)));
+        Measurement::new(SlotIndex(slot), gain, interference, acknowledged, broadcast).ok()
+    }
+}

@@ -1,0 +1,205 @@
+//! `host-sim deadline`: what a slot costs on the chip.
+
+use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
+use crate::deadline::image::Images;
+use crate::deadline::{Extent, NetworkReport, Report, report};
+use crate::error::{Error, Result};
+use crate::report::cell::Cell;
+use crate::report::text_table::{Column, TextTable};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Options of `deadline`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DeadlineArguments {
+    /// Measuring image to run instead of building one
+    #[arg(long, value_name = "ELF", requires = "deployed")]
+    pub measuring: Option<PathBuf>,
+    /// Deployed image to look at instead of building one
+    #[arg(long, value_name = "ELF", requires = "measuring")]
+    pub deployed: Option<PathBuf>,
+    /// Slots of the whole path, one in 16 of them without a measurement
+    #[arg(long, default_value_t = 110_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub slots: u32,
+    /// Random inputs for each network besides the shipped one
+    #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub inputs: u32,
+    /// Seed of networks, inputs and measurements
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Builds, measures and reports.
+///
+/// # Errors
+/// [`Error`] for an image that does not build or is none, and for a missing emulator.
+pub fn run(arguments: &DeadlineArguments) -> Result<()> {
+    let progress = progress();
+    progress.set_message("building the images");
+    let images = match (&arguments.measuring, &arguments.deployed) {
+        (Some(measuring), Some(deployed)) => Images {
+            deployed: deployed.clone(),
+            measuring: measuring.clone(),
+        },
+        _ => Images::build()?,
+    };
+    progress.set_message("counting instructions in QEMU");
+    let extent = Extent {
+        seed: arguments.seed,
+        slots: arguments.slots,
+        inputs: arguments.inputs,
+    };
+    let report = report(&images, &extent)?;
+    progress.finish_and_clear();
+    if report.actor.counts.kernel.min != report.actor.counts.kernel.max {
+        return Err(Error::input(
+            "the shipped actor's inference",
+            format!(
+                "{} to {} instructions",
+                report.actor.counts.kernel.min, report.actor.counts.kernel.max
+            ),
+            "the same number for every input",
+        ));
+    }
+    if arguments.json {
+        println!("{}", as_json(&report, &extent));
+    } else {
+        print!("{}", as_text(&report, &extent));
+    }
+    Ok(())
+}
+
+/// On stderr.
+fn progress() -> ProgressBar {
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// The report's JSON object.
+pub fn as_json(report: &Report, extent: &Extent) -> Value {
+    let network = |network: &NetworkReport| {
+        json!({
+            "min_instructions": network.counts.kernel.min,
+            "max_instructions": network.counts.kernel.max,
+            "portable_min_instructions": network.counts.portable.min,
+            "portable_max_instructions": network.counts.portable.max,
+            "modelled_cycles": network.cycles.round(),
+            "bytes": network.bytes,
+        })
+    };
+    let stages = report.stages.iter().map(|stage| {
+        let counts = json!({ "min_instructions": stage.range.min, "max_instructions": stage.range.max });
+        (stage.name.clone(), counts)
+    });
+    json!({
+        "seed": extent.seed,
+        "slots": extent.slots,
+        "inference_min_instructions": report.actor.counts.kernel.min,
+        "inference_max_instructions": report.actor.counts.kernel.max,
+        "slot_min_instructions": report.slot.min,
+        "slot_max_instructions": report.slot.max,
+        "slot_modelled_cycles": report.slot_cycles.round(),
+        "net_7_64_32_4_instructions": report.small.counts.kernel.max,
+        "net_7_1024_512_4_instructions": report.paper.counts.kernel.max,
+        "net_7_1024_512_4_period_slots": period(&report.paper),
+        "networks": {
+            &report.actor.name: network(&report.actor),
+            &report.small.name: network(&report.small),
+            &report.paper.name: network(&report.paper),
+        },
+        "stages": serde_json::Map::from_iter(stages),
+        "flash_bytes": report.footprint.flash,
+        "ram_bytes": report.footprint.ram,
+        "stack_bytes": report.stack,
+    })
+}
+
+/// The shortest period in whole slots that a network can meet.
+fn period(network: &NetworkReport) -> f64 {
+    (network.cycles / SLOT_CYCLES).ceil()
+}
+
+fn as_text(report: &Report, extent: &Extent) -> String {
+    let share = |cycles: f64| Cell::Number(100.0 * cycles / SLOT_CYCLES);
+    let mut networks = TextTable::new(
+        "One inference",
+        [
+            Column::text("network"),
+            Column::number("kernel min", "instructions", 0),
+            Column::number("max", "instructions", 0),
+            Column::number("portable max", "instructions", 0),
+            Column::number("cycles", "modelled", 0),
+            Column::number("slot", "%", 1),
+        ],
+    );
+    for (network, note) in [
+        (&report.actor, " (shipped)"),
+        (&report.small, ""),
+        (&report.paper, " (the paper's)"),
+    ] {
+        networks.row([
+            Cell::Text(format!("{}{note}", network.name)),
+            Cell::Count(network.counts.kernel.min),
+            Cell::Count(network.counts.kernel.max),
+            Cell::Count(network.counts.portable.max),
+            Cell::Number(network.cycles),
+            share(network.cycles),
+        ]);
+    }
+    let paper = &report.paper;
+    networks.note(&format!(
+        "The paper's actor takes {:.1} ms: it cannot decide every slot on this chip, but every {} slots at best.",
+        1000.0 * paper.cycles / CORE_HZ,
+        period(paper)
+    ));
+    let mut stages = TextTable::new(
+        "One slot of the shipped actor, from the frame's first byte to the answer's last",
+        [
+            Column::text("stage"),
+            Column::number("min", "instructions", 0),
+            Column::number("max", "instructions", 0),
+        ],
+    );
+    for stage in &report.stages {
+        let name = match stage.name.as_str() {
+            "observe" | "infer" | "decide" => format!("  {}", stage.name),
+            name => name.replace('_', " "),
+        };
+        stages.row([
+            Cell::Text(name),
+            Cell::Count(stage.range.min),
+            Cell::Count(stage.range.max),
+        ]);
+    }
+    stages.row([
+        Cell::Text("slot".to_owned()),
+        Cell::Count(report.slot.min),
+        Cell::Count(report.slot.max),
+    ]);
+    stages.note("Observe, infer and decide are measured alone; in the slot they are parts of the unit.");
+    format!(
+        "{networks}\n{stages}\n\
+         Longest slot: {:.0} modelled cycles, {:.1} % of a slot of 1 ms at 168 MHz.\n\
+         Deployed image: {} bytes of flash, {} of static RAM, {} of stack at most.\n\n\
+         Instructions: counted in QEMU (-icount), seed {}, {} slots; emulated, not timed on a chip.\n\
+         Cycles: a model. Kernel: Cortex-M4 TRM table 3-1 (LDM 1 + n, taken branch 3, multiply-accumulate 1), and 5 wait\n\
+         states for each 16 bytes of weights, and once for its code. Other code: 1.6 cycles an instruction and every 16 bytes\n\
+         of it fetched anew from flash (assumed, pessimistic). Interrupts for the line's bytes are not part of it.\n",
+        report.slot_cycles,
+        100.0 * report.slot_cycles / SLOT_CYCLES,
+        report.footprint.flash,
+        report.footprint.ram,
+        report.stack,
+        extent.seed,
+        extent.slots,
+    )
+}

@@ -1,0 +1,123 @@
+//! The programs for the chip: building them, and what their ELF files say.
+
+use crate::error::{Error, Result};
+use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What the chip is to the compiler.
+const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// The chip's flash (`memory.x`).
+const FLASH: std::ops::Range<u64> = 0x0800_0000..0x0810_0000;
+/// The chip's RAM (`memory.x`).
+pub const RAM: std::ops::Range<u64> = 0x2000_0000..0x2002_0000;
+
+/// The two programs.
+#[derive(Clone, Debug)]
+pub struct Images {
+    /// The one that is flashed.
+    pub deployed: PathBuf,
+    /// The one that counts instructions, in the emulator.
+    pub measuring: PathBuf,
+}
+
+impl Images {
+    /// Builds both with the profile of the deployed image, where the sources are.
+    ///
+    /// They have a target directory of their own, since an outer Cargo may hold the lock of the usual one.
+    ///
+    /// # Errors
+    /// If Cargo is missing or the build fails, with its first error.
+    pub fn build() -> Result<Self> {
+        let workspace = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+        let usual = std::env::var_os("CARGO_TARGET_DIR").map_or(workspace.join("target"), PathBuf::from);
+        let directory = usual.join("measure");
+        let output = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
+            .args(["build", "-p", "firmware", "--bins", "--features", "measure"])
+            .args(["--profile", "firmware", "--target", TARGET])
+            .arg("--target-dir")
+            .arg(&directory)
+            .current_dir(workspace)
+            .output()
+            .map_err(|error| Error::input("cargo", error, "Cargo, to build the image"))?;
+        if !output.status.success() {
+            let text = String::from_utf8_lossy(&output.stderr).into_owned();
+            let first = text.lines().find(|line| line.starts_with("error"));
+            return Err(Error::input(
+                "building the image",
+                first.unwrap_or("a failure without an error"),
+                format!("a build for {TARGET} (`rustup target add {TARGET}`)"),
+            ));
+        }
+        let built = directory.join(TARGET).join("firmware");
+        Ok(Self {
+            deployed: built.join("firmware"),
+            measuring: built.join("measure"),
+        })
+    }
+}
+
+/// What an image takes of the chip's memories, in bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Footprint {
+    /// Code, constants, the table, and what initialises RAM.
+    pub flash: u64,
+    /// Static variables.
+    pub ram: u64,
+}
+
+/// Reads and checks an ELF file for this chip.
+///
+/// # Errors
+/// A file that cannot be read, and one that is not a whole program for this chip.
+pub fn footprint(path: &Path) -> Result<Footprint> {
+    let bytes = std::fs::read(path).map_err(|source| Error::file(path, source))?;
+    let wrong = |found: &str| {
+        Error::input(
+            path.display(),
+            found,
+            "the ELF file of an image for the STM32F405",
+        )
+    };
+    let file = object::File::parse(&*bytes).map_err(|_| wrong("no ELF file"))?;
+    if file.architecture() != object::Architecture::Arm {
+        return Err(wrong("a program for another processor"));
+    }
+    let sections = || file.sections().filter(|section| section.address() != 0);
+    if !sections().any(|section| section.name() == Ok(".vector_table") && section.address() == FLASH.start) {
+        return Err(wrong("no vector table at the start of flash"));
+    }
+    let total = |wanted: &dyn Fn(u64, SectionKind) -> bool| -> u64 {
+        sections()
+            .filter(|section| wanted(section.address(), section.kind()))
+            .map(|section| section.size())
+            .sum()
+    };
+    Ok(Footprint {
+        flash: total(&|address, kind| FLASH.contains(&address) || kind == SectionKind::Data),
+        ram: total(&|address, _| RAM.contains(&address)),
+    })
+}
+
+/// Checks that an image is the measuring one: another would run for ever and say nothing.
+///
+/// # Errors
+/// As [`footprint`], and for an image that does not measure.
+pub fn check_measuring(path: &Path) -> Result<()> {
+    let _ = footprint(path)?;
+    let bytes = std::fs::read(path).map_err(|source| Error::file(path, source))?;
+    let measures = object::File::parse(&*bytes).is_ok_and(|file| {
+        file.symbols()
+            .any(|symbol| symbol.name().is_ok_and(|name| name.contains("7measure")))
+    });
+    if measures {
+        Ok(())
+    } else {
+        Err(Error::input(
+            path.display(),
+            "another program",
+            "the image `measure` of the package `firmware`",
+        ))
+    }
+}

@@ -1,0 +1,308 @@
+//! What a slot costs on the chip: instructions counted in an emulator, cycles modelled from them, memories from the image.
+
+pub mod cycles;
+mod emulator;
+pub mod image;
+pub mod network;
+
+use crate::error::{Error, Result};
+use firmware::actor::Network;
+use firmware::link::{MeasurementFrame, ModemFrame};
+use image::{Footprint, Images};
+use network::PackedNetwork;
+use rand_core::Rng;
+use rand_pcg::Pcg64Mcg;
+
+/// First word of a job for the measuring image.
+const MAGIC: [u8; 4] = *b"FLMJ";
+/// Widths in a job's entry.
+const JOB_WIDTHS: usize = 5;
+
+/// What to measure with.
+#[derive(Clone, Copy, Debug)]
+pub struct Extent {
+    /// Seeds networks, inputs and measurements.
+    pub seed: u64,
+    /// Slots of the whole path.
+    pub slots: u32,
+    /// Inputs for each network.
+    pub inputs: u32,
+}
+
+/// A network and how many random inputs it gets.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The network.
+    pub network: PackedNetwork,
+    /// Inputs.
+    pub inputs: u32,
+    /// Bytes, 0 to 3, by which the network misses a word's boundary.
+    pub misalignment: usize,
+}
+
+/// Least and greatest number of instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Range {
+    /// Least.
+    pub min: u64,
+    /// Greatest.
+    pub max: u64,
+}
+
+/// What the image found out about a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetworkCounts {
+    /// With the kernel.
+    pub kernel: Range,
+    /// The same inference by the specification's own Rust.
+    pub portable: Range,
+    /// Inputs for which the two differ.
+    pub mismatches: u64,
+    /// CRC-32 of all outputs.
+    pub digest: u32,
+}
+
+/// A stage of the slot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// Its instructions.
+    pub range: Range,
+    /// Their sum over all slots.
+    pub sum: u64,
+}
+
+/// A shape with its counts and its model.
+#[derive(Clone, Debug)]
+pub struct NetworkReport {
+    /// Widths, as in 7-64-32-4.
+    pub name: String,
+    /// Counted.
+    pub counts: NetworkCounts,
+    /// Instructions of the kernel alone, from its text.
+    pub kernel_instructions: u64,
+    /// Modelled cycles of one inference with the kernel.
+    pub cycles: f64,
+    /// Bytes of the packed network.
+    pub bytes: usize,
+}
+
+/// Everything.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The shipped actor's shape, with the counts of its observations in the slots.
+    pub actor: NetworkReport,
+    /// 7-64-32-4.
+    pub small: NetworkReport,
+    /// The paper's 7-1024-512-4.
+    pub paper: NetworkReport,
+    /// The slot's stages in their order.
+    pub stages: Vec<Stage>,
+    /// From the first byte of a frame to the last of the answer.
+    pub slot: Range,
+    /// Modelled cycles of the slot with the most instructions.
+    pub slot_cycles: f64,
+    /// The deployed image.
+    pub footprint: Footprint,
+    /// The deployed image's stack over some thousand slots.
+    pub stack: u64,
+}
+
+/// Slots after which the stack is read (chosen).
+const STACK_SLOTS: u32 = 2000;
+/// Widths of the networks besides the shipped one.
+const SMALL: [usize; 4] = [7, 64, 32, 4];
+const PAPER: [usize; 4] = [7, 1024, 512, 4];
+/// The large network's share of the inputs: an inference without the kernel takes millions of instructions.
+const PAPER_SHARE: u32 = 50;
+
+/// Measures everything.
+///
+/// # Errors
+/// A missing emulator, an image that is none, and measurements that contradict each other.
+pub fn report(images: &Images, extent: &Extent) -> Result<Report> {
+    let footprint = image::footprint(&images.deployed)?;
+    image::check_measuring(&images.measuring)?;
+    let table = crate::command::options::parse_table(None, firmware::tables::DISTILLED)?;
+    let shipped: Vec<usize> = widths(table.network());
+    let subjects = [(shipped, 1), (SMALL.to_vec(), 1), (PAPER.to_vec(), PAPER_SHARE)]
+        .into_iter()
+        .map(|(widths, share)| {
+            Ok(Subject {
+                network: PackedNetwork::random(extent.seed, &widths)?,
+                inputs: extent.inputs.div_ceil(share),
+                misalignment: 0,
+            })
+        })
+        .collect::<Result<Vec<Subject>>>()?;
+    let (counts, stages) = measure(images, extent.seed, extent.slots, &subjects)?;
+    let networks = subjects
+        .iter()
+        .zip(counts)
+        .map(|(subject, counts)| network_report(subject, counts))
+        .collect::<Result<Vec<NetworkReport>>>()?;
+    let Ok([mut actor, small, paper]) = <[NetworkReport; 3]>::try_from(networks) else {
+        return Err(contradiction("too few networks"));
+    };
+    let stage = |name: &str| stages.iter().find(|stage| stage.name == name);
+    let (Some(infer), Some(slot)) = (stage("infer"), stage("slot")) else {
+        return Err(contradiction("too few stages"));
+    };
+    actor.counts.kernel = infer.range;
+    actor.cycles = cycles::inference_cycles(table.network(), infer.range.max);
+    let slot = slot.range;
+    let around = slot.max.saturating_sub(actor.counts.kernel.max);
+    let slot_cycles = actor.cycles + cycles::compiled_cycles(around);
+    Ok(Report {
+        slot_cycles,
+        stack: emulator::stack(&images.deployed, footprint.ram, &frames(extent.seed))?,
+        stages: stages
+            .iter()
+            .filter(|stage| stage.name != "slot")
+            .cloned()
+            .collect(),
+        actor,
+        small,
+        paper,
+        slot,
+        footprint,
+    })
+}
+
+fn contradiction(found: &str) -> Error {
+    Error::input(
+        "the measuring image",
+        found,
+        "the image of this program's own sources",
+    )
+}
+
+fn widths(network: &Network<'_>) -> Vec<usize> {
+    let inputs = network.layers().next().map(|layer| layer.inputs_len());
+    let outputs = network.layers().map(|layer| layer.outputs_len());
+    inputs.into_iter().chain(outputs).collect()
+}
+
+fn network_report(subject: &Subject, counts: NetworkCounts) -> Result<NetworkReport> {
+    let PackedNetwork { widths, bytes } = &subject.network;
+    let network = Network::parse(widths, bytes)
+        .map_err(|error| Error::input("random network", error, "one for the firmware"))?;
+    if counts.mismatches > 0 {
+        return Err(Error::input(
+            "the kernel",
+            format!("{} other outputs than the specification's", counts.mismatches),
+            "the same bits",
+        ));
+    }
+    let name: Vec<String> = widths.iter().map(usize::to_string).collect();
+    Ok(NetworkReport {
+        name: name.join("-"),
+        counts,
+        kernel_instructions: cycles::kernel_cost(&network).instructions,
+        cycles: cycles::inference_cycles(&network, counts.kernel.max),
+        bytes: bytes.len(),
+    })
+}
+
+/// Runs the measuring image: counts for each network, then the stages of this many slots and, as `slot`, their total.
+///
+/// # Errors
+/// A missing emulator or a run that breaks off, with its last words.
+pub fn measure(
+    images: &Images,
+    seed: u64,
+    slots: u32,
+    subjects: &[Subject],
+) -> Result<(Vec<NetworkCounts>, Vec<Stage>)> {
+    let lines = emulator::measure(&images.measuring, &job(seed, slots, subjects))?;
+    let (mut networks, mut stages) = (Vec::new(), Vec::new());
+    for line in &lines {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let number = |index: usize| -> Result<u64> {
+            let word = words.get(index).copied().unwrap_or_default();
+            word.parse().map_err(|_| contradiction(line))
+        };
+        let range = |index: usize| -> Result<Range> {
+            Ok(Range {
+                min: number(index)?,
+                max: number(index + 1)?,
+            })
+        };
+        match words.first().copied() {
+            Some("network") => networks.push(NetworkCounts {
+                kernel: range(3)?,
+                portable: range(6)?,
+                mismatches: number(9)?,
+                digest: words
+                    .get(11)
+                    .and_then(|word| u32::from_str_radix(word, 16).ok())
+                    .ok_or_else(|| contradiction(line))?,
+            }),
+            Some("stage") => stages.push(Stage {
+                name: words.get(1).copied().unwrap_or_default().to_owned(),
+                range: range(2)?,
+                sum: number(4)?,
+            }),
+            _ => {}
+        }
+    }
+    if networks.len() == subjects.len() {
+        Ok((networks, stages))
+    } else {
+        Err(contradiction("another number of networks"))
+    }
+}
+
+fn job(seed: u64, slots: u32, subjects: &[Subject]) -> Vec<u8> {
+    let mut job = MAGIC.to_vec();
+    let mut word = |value: u32| job.extend(value.to_le_bytes());
+    word(fold(seed));
+    word(slots);
+    word(subjects.len() as u32);
+    for Subject {
+        network,
+        inputs,
+        misalignment,
+    } in subjects
+    {
+        let mut word = |value: usize| job.extend((value as u32).to_le_bytes());
+        word(*inputs as usize);
+        word(network.widths.len());
+        let padded = network.widths.iter().copied().chain(std::iter::repeat(0));
+        padded.take(JOB_WIDTHS).for_each(&mut word);
+        word(network.bytes.len());
+        word(*misalignment);
+        job.resize(job.len() + misalignment, 0);
+        job.extend(&network.bytes);
+        job.resize(job.len().next_multiple_of(4), 0);
+    }
+    job
+}
+
+/// The seed as the image takes it.
+pub fn fold(seed: u64) -> u32 {
+    (seed ^ (seed >> 32)) as u32
+}
+
+/// What a modem sends: measurements, and now and then none.
+fn frames(seed: u64) -> Vec<ModemFrame> {
+    let mut rng = Pcg64Mcg::new(u128::from(seed) << 1 | 1);
+    let mut below = |limit: u32| ((u64::from(rng.next_u32()) * u64::from(limit)) >> 32) as u32;
+    // Behind the questions with which the unit was woken.
+    let first = 1_000_000;
+    (first..first + STACK_SLOTS)
+        .map(|slot| match below(8) {
+            0 => ModemFrame::Missed { slot },
+            _ => ModemFrame::Measurement(MeasurementFrame {
+                slot,
+                gain: std::array::from_fn(|_| below(18_000) as i16),
+                interference: std::array::from_fn(|_| below(9_000) as i16),
+                last_acknowledged: (below(10) > 0).then(|| slot - 1 - below(100)),
+                home: below(3) as u8,
+                period: 1 + below(100) as u8,
+                joiner_probability: below(256) as u8,
+            }),
+        })
+        .collect()
+}
