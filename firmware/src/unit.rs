@@ -120,8 +120,18 @@ impl<'t, R: Rng> Unit<'t, R> {
     /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent for ever and says why
     /// ([`Unit::table`]).
     pub fn new(bytes: &'t [u8], back_off: R) -> Self {
+        let mut unit = Self::without_table(back_off);
+        unit.replace_table(bytes);
+        unit
+    }
+
+    /// A unit that stays silent until it is given a table.
+    pub fn without_table(back_off: R) -> Self {
         Self {
-            actor: parse(bytes).map(Actor::new),
+            actor: Err(TableError::Truncated {
+                found: 0,
+                expected: 0,
+            }),
             back_off,
             tracker: LevelTracker::default(),
             known: None,

@@ -69,7 +69,10 @@ fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
     reason = "the session is borrowed from a place that is handed out once, not from the table"
 )]
 fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static, Pcg32>> {
-    cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::new(table, back_off(identity))))
+    // The table comes when the session is in its place, so that no second copy of it lies on the stack.
+    let session = cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::without_table(back_off(identity))))?;
+    session.replace_table(table);
+    Some(session)
 }
 
 #[allow(unsafe_code, reason = "RTIC's own; its analysis stands for its safety")]
