@@ -323,22 +323,21 @@ mod target {
         encode(&UnitFrame::from(report)).ok()
     }
 
-    // Each is built on the stack before it moves to its place, so not both in one function.
+    // Each is built on the stack before it moves to its place, so not both in one function. The table
+    // is read at run time, as in the deployed image.
     #[inline(never)]
-    fn new_unit(table: &'static [u8]) -> Option<&'static mut Unit<'static, Pcg32>> {
-        cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(table, back_off([0; 3])))
+    fn new_unit() -> Option<&'static mut Unit<'static, Pcg32>> {
+        cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(black_box(DISTILLED), back_off([0; 3])))
     }
 
     #[inline(never)]
-    fn new_actor(table: &'static [u8]) -> Option<&'static mut Actor<'static>> {
-        cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(table).ok()?))
+    fn new_actor() -> Option<&'static mut Actor<'static>> {
+        cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(black_box(DISTILLED)).ok()?))
     }
 
     #[inline(never)]
     fn measure_slots(counter: &Counter, mut rng: Pcg32, slots: u32) -> Option<()> {
-        // Read at run time, as in the deployed image.
-        let table = black_box(DISTILLED);
-        let (unit, actor) = (new_unit(table)?, new_actor(table)?);
+        let (unit, actor) = (new_unit()?, new_actor()?);
         let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
         let mut receiver = Receiver::default();
         let mut total = Counts::NONE;
