@@ -27,6 +27,12 @@
 //! All sums wrap modulo 2^32, so intermediate overflows cancel. No instruction depends on a value: for one network, the
 //! number of instructions is the same for every input, and so is their order.
 //!
+//! # Flags
+//! An observation has no one-hot part that could be a row gather instead of products: 11 of its 20 inputs are independent
+//! flags, and any number of them may be set. They are multiplied like all other inputs. Adding a weight per set flag would
+//! need unpacked weights and either a branch, which makes time depend on data, or a mask, which costs what the product
+//! costs; the whole first layer of the shipped actor is a quarter of its inference.
+//!
 //! # Memory
 //! Weights, sums to start from and multipliers of four rows follow each other in the order of use: the kernel reads the
 //! table from front to back once, by LDM, which the flash interface serves by whole lines of four words.

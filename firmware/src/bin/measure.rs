@@ -178,6 +178,8 @@ mod target {
         let mut job = Job::find()?;
         let seed = job.word()?;
         let slots = job.word()?;
+        // Static, since the stack is short.
+        let scratches = cortex_m::singleton!(: [Scratch; 2] = [const { Scratch::new() }; 2])?;
         for index in 0..job.word()? {
             let inputs = job.word()?;
             let width_count = job.word()? as usize;
@@ -199,13 +201,13 @@ mod target {
             };
             let rng = Pcg32::new(u64::from(seed), u64::from(index));
             match widths[0] {
-                1 => measure_network::<1>(&counter, index, &network, inputs, rng),
-                3 => measure_network::<3>(&counter, index, &network, inputs, rng),
-                7 => measure_network::<7>(&counter, index, &network, inputs, rng),
-                8 => measure_network::<8>(&counter, index, &network, inputs, rng),
-                13 => measure_network::<13>(&counter, index, &network, inputs, rng),
-                20 => measure_network::<20>(&counter, index, &network, inputs, rng),
-                65 => measure_network::<65>(&counter, index, &network, inputs, rng),
+                1 => measure_network::<1>(&counter, index, &network, inputs, rng, scratches),
+                3 => measure_network::<3>(&counter, index, &network, inputs, rng, scratches),
+                7 => measure_network::<7>(&counter, index, &network, inputs, rng, scratches),
+                8 => measure_network::<8>(&counter, index, &network, inputs, rng, scratches),
+                13 => measure_network::<13>(&counter, index, &network, inputs, rng, scratches),
+                20 => measure_network::<20>(&counter, index, &network, inputs, rng, scratches),
+                65 => measure_network::<65>(&counter, index, &network, inputs, rng, scratches),
                 _ => return None,
             }
         }
@@ -255,17 +257,16 @@ mod target {
         network: &Network<'_>,
         inputs: u32,
         mut rng: Pcg32,
+        [scratch, other_scratch]: &mut [Scratch; 2],
     ) {
-        let (mut scratch, mut other_scratch) = (Scratch::new(), Scratch::new());
         let (mut kernel, mut portable) = (Counts::NONE, Counts::NONE);
         let (mut mismatches, mut digest) = (0_u32, CHECKSUM.digest());
         for input in 0..inputs {
             let input = random_input::<INPUTS>(&mut rng, input);
-            let (outputs, count) =
-                counter.count(|| infer(black_box(network), &mut scratch, black_box(&input)));
+            let (outputs, count) = counter.count(|| infer(black_box(network), scratch, black_box(&input)));
             kernel.add(count);
             let (expected, count) =
-                counter.count(|| infer_portably(black_box(network), &mut other_scratch, black_box(&input)));
+                counter.count(|| infer_portably(black_box(network), other_scratch, black_box(&input)));
             portable.add(count);
             mismatches += u32::from(outputs != expected);
             for output in outputs {
@@ -322,11 +323,21 @@ mod target {
         encode(&UnitFrame::from(report)).ok()
     }
 
+    // Each is built on the stack before it moves to its place, so not both in one function. The table
+    // is read at run time, as in the deployed image.
+    #[inline(never)]
+    fn new_unit() -> Option<&'static mut Unit<'static, Pcg32>> {
+        cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(black_box(DISTILLED), back_off([0; 3])))
+    }
+
+    #[inline(never)]
+    fn new_actor() -> Option<&'static mut Actor<'static>> {
+        cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(black_box(DISTILLED)).ok()?))
+    }
+
+    #[inline(never)]
     fn measure_slots(counter: &Counter, mut rng: Pcg32, slots: u32) -> Option<()> {
-        // Read at run time, as in the deployed image.
-        let table = black_box(DISTILLED);
-        let unit = cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(table, back_off([0; 3])))?;
-        let actor = cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(table).ok()?))?;
+        let (unit, actor) = (new_unit()?, new_actor()?);
         let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
         let mut receiver = Receiver::default();
         let mut total = Counts::NONE;

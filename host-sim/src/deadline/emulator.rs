@@ -4,6 +4,7 @@ use super::image::RAM;
 use crate::error::{Error, Result};
 use firmware::link::{ModemFrame, encode};
 use std::io::{Read, Write};
+use std::ops::Range;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -119,9 +120,8 @@ fn reader(emulator: &mut Emulator) -> Result<Receiver<Vec<u8>>> {
 
 /// The deployed image's greatest stack in bytes over these frames, sent one after the other's answer.
 ///
-/// RAM is zero when the emulator starts: above the static variables, the lowest byte that is not tells how far the stack
-/// went.
-pub fn stack(image: &Path, static_ram: u64, frames: &[ModemFrame]) -> Result<u64> {
+/// RAM is zero when the emulator starts: the lowest byte of the stack's addresses that is not tells how far it went.
+pub fn stack(image: &Path, addresses: &Range<u64>, frames: &[ModemFrame]) -> Result<u64> {
     let directory = tempfile::tempdir().map_err(|source| Error::file(&std::env::temp_dir(), source))?;
     let (monitor, memory) = (directory.path().join("monitor"), directory.path().join("memory"));
     let listen = format!("unix:{},server=on,wait=off", option_path(&monitor));
@@ -147,9 +147,11 @@ pub fn stack(image: &Path, static_ram: u64, frames: &[ModemFrame]) -> Result<u64
     saved.map_err(|error| broken(format!("a closed monitor ({error})")))?;
     let _ = emulator.0.wait();
     let bytes = std::fs::read(&memory).map_err(|source| Error::file(&memory, source))?;
-    let above = bytes.get(static_ram as usize..).unwrap_or(&[]);
-    let free = above.iter().position(|&byte| byte != 0).unwrap_or(above.len());
-    Ok((above.len() - free) as u64)
+    let offset = |address: u64| address.saturating_sub(RAM.start) as usize;
+    let stack = bytes.get(offset(addresses.start)..offset(addresses.end));
+    let stack = stack.ok_or_else(|| broken("a stack outside of RAM"))?;
+    let free = stack.iter().position(|&byte| byte != 0).unwrap_or(stack.len());
+    Ok((stack.len() - free) as u64)
 }
 
 fn save_memory(monitor: &Path, memory: &Path) -> std::io::Result<()> {

@@ -59,12 +59,14 @@ impl Images {
 }
 
 /// What an image takes of the chip's memories, in bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Footprint {
     /// Code, constants, the table, and what initialises RAM.
     pub flash: u64,
     /// Static variables.
     pub ram: u64,
+    /// Addresses that the stack has, down from the end: to the static variables below it, or to the beginning of RAM.
+    pub stack: std::ops::Range<u64>,
 }
 
 /// Reads and checks an ELF file for this chip.
@@ -85,9 +87,17 @@ pub fn footprint(path: &Path) -> Result<Footprint> {
         return Err(wrong("a program for another processor"));
     }
     let sections = || file.sections().filter(|section| section.address() != 0);
-    if !sections().any(|section| section.name() == Ok(".vector_table") && section.address() == FLASH.start) {
+    let vectors = sections()
+        .find(|section| section.name() == Ok(".vector_table") && section.address() == FLASH.start)
+        .and_then(|section| section.data().ok());
+    let Some((stack_start, _)) = vectors.and_then(<[u8]>::split_first_chunk) else {
         return Err(wrong("no vector table at the start of flash"));
-    }
+    };
+    let stack_start = u64::from(u32::from_le_bytes(*stack_start));
+    let below = sections()
+        .map(|section| section.address() + section.size())
+        .filter(|end| RAM.contains(end) && *end <= stack_start);
+    let stack = below.max().unwrap_or(RAM.start)..stack_start;
     let total = |wanted: &dyn Fn(u64, SectionKind) -> bool| -> u64 {
         sections()
             .filter(|section| wanted(section.address(), section.kind()))
@@ -97,6 +107,7 @@ pub fn footprint(path: &Path) -> Result<Footprint> {
     Ok(Footprint {
         flash: total(&|address, kind| FLASH.contains(&address) || kind == SectionKind::Data),
         ram: total(&|address, _| RAM.contains(&address)),
+        stack,
     })
 }
 

@@ -156,7 +156,7 @@ pub fn report(images: &Images, extent: &Extent) -> Result<Report> {
     let slot_cycles = actor.cycles + cycles::compiled_cycles(around);
     Ok(Report {
         slot_cycles,
-        stack: emulator::stack(&images.deployed, footprint.ram, &frames(extent.seed))?,
+        stack: emulator::stack(&images.deployed, &footprint.stack, &frames(extent.seed))?,
         stages: stages
             .iter()
             .filter(|stage| stage.name != "slot")
