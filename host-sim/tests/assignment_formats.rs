@@ -292,6 +292,18 @@ fn bad_sumo_files_are_named_by_line() {
     }
 }
 
+#[test]
+fn a_pair_without_a_path_is_called_by_its_names() {
+    let sumo = sumo_network(NET).unwrap();
+    let back = "<routes><trip id=\"1\" depart=\"0\" fromJunction=\"C\" toJunction=\"A\"/></routes>";
+    let demand = sumo.parse_trips("routes", back).unwrap();
+    let failure = assign(&sumo.network, &demand, &Options::default()).unwrap_err();
+    assert_eq!(
+        failure.to_string(),
+        "trips from C to A: found no path in the network, expected a path wherever there is demand"
+    );
+}
+
 #[derive(clap::Parser)]
 struct CommandLine {
     #[command(flatten)]

@@ -56,7 +56,7 @@ impl<'a> Loader<'a> {
         let mut shortest_path_cost = 0.0;
         for block in &self.blocks {
             if let Some((origin, destination)) = block.unreachable {
-                return Err(unreachable_pair(origin, destination));
+                return Err(unreachable_pair(problem.network, origin, destination));
             }
             shortest_path_cost += block.shortest_path_cost;
             for (total, part) in link_flows.iter_mut().zip(&block.link_flows) {
@@ -114,9 +114,10 @@ impl Block<'_> {
 }
 
 /// Demand between two zones, given by index from 0, that no path joins.
-pub(crate) fn unreachable_pair(origin: u32, destination: u32) -> Error {
+pub(crate) fn unreachable_pair(network: &Network, origin: u32, destination: u32) -> Error {
+    let (from, to) = (network.zone_name(origin + 1), network.zone_name(destination + 1));
     Error::input(
-        format!("trips from {} to {}", origin + 1, destination + 1),
+        format!("trips from {from} to {to}"),
         "no path in the network",
         "a path wherever there is demand",
     )

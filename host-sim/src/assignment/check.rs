@@ -116,7 +116,11 @@ fn cheapest_total(network: &Network, demand: &Demand, link_costs: &[f64]) -> Res
         let cost = labels[trip.destination as usize - 1];
         if cost == f64::INFINITY {
             return Err(Error::input(
-                format!("trips from {} to {}", trip.origin, trip.destination),
+                format!(
+                    "trips from {} to {}",
+                    network.zone_name(trip.origin),
+                    network.zone_name(trip.destination)
+                ),
                 "no path in the network",
                 "a path wherever there is demand",
             ));

@@ -48,7 +48,12 @@ impl<'a> Problem<'a> {
             let steep = demand.total() > 0.0 && !delay.derivative(demand.total()).is_finite();
             if steep || !delay.integral(demand.total()).is_finite() {
                 return Err(Error::input(
-                    format!("link {} ({} to {})", index + 1, link.init_node, link.term_node),
+                    format!(
+                        "link {} ({} to {})",
+                        index + 1,
+                        network.node_name(link.init_node),
+                        network.node_name(link.term_node)
+                    ),
                     format!("a cost that overflows at {} vehicles", demand.total()),
                     "a capacity of the size of the demand",
                 ));

@@ -191,7 +191,8 @@ fn judge(
     if !evaluation.conserves_demand {
         eprintln!(
             "the flows do not carry the demand: {} vehicles too many or too few at node {}; their gap means nothing",
-            evaluation.largest_imbalance, evaluation.worst_node
+            evaluation.largest_imbalance,
+            network.node_name(evaluation.worst_node)
         );
     }
     if arguments.json {
@@ -201,7 +202,7 @@ fn judge(
         );
     } else {
         print_problem(network, demand);
-        print_evaluation(&evaluation);
+        print_evaluation(network, &evaluation);
     }
     Ok(())
 }
@@ -303,7 +304,7 @@ fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
     say!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
 }
 
-fn print_evaluation(evaluation: &Evaluation) {
+fn print_evaluation(network: &Network, evaluation: &Evaluation) {
     say!("");
     say!("relative gap         {:.4e}", evaluation.relative_gap);
     say!("objective            {}", evaluation.objective);
@@ -311,7 +312,7 @@ fn print_evaluation(evaluation: &Evaluation) {
     say!(
         "largest imbalance    {:.4e} vehicles at node {}",
         evaluation.largest_imbalance,
-        evaluation.worst_node
+        network.node_name(evaluation.worst_node)
     );
     say!(
         "carries the demand   {}",
