@@ -29,7 +29,7 @@ mod target {
     use cortex_m::asm::wfi;
     use firmware::actor::{Actor, MAX_OUTPUTS, Network, Scratch};
     use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
-    use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, encode};
+    use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
     use firmware::measurement::{Broadcast, Measurement, MeasurementError};
     use firmware::observation::{INPUTS, Observation};
     use firmware::table::{CHECKSUM, Table};
@@ -293,7 +293,7 @@ mod target {
     }
 
     #[inline(never)]
-    fn validate(frame: &ModemFrame) -> Result<Event, MeasurementError> {
+    fn validate(frame: &ModemFrame) -> Option<Result<Event, MeasurementError>> {
         frame.event()
     }
 
@@ -320,14 +320,16 @@ mod target {
 
     #[inline(never)]
     fn frame_out(report: &Report) -> Option<Vec<u8, MAX_FRAME>> {
-        encode(&UnitFrame::from(report)).ok()
+        encode(&UnitMessage::Decision(UnitFrame::from(report))).ok()
     }
 
     // Each is built on the stack before it moves to its place, so not both in one function. The table
     // is read at run time, as in the deployed image.
     #[inline(never)]
     fn new_unit() -> Option<&'static mut Unit<'static, Pcg32>> {
-        cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::new(black_box(DISTILLED), back_off([0; 3])))
+        let unit = cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::without_table(back_off([0; 3])))?;
+        unit.replace_table(black_box(DISTILLED));
+        Some(unit)
     }
 
     #[inline(never)]
@@ -362,7 +364,7 @@ mod target {
             let (frame, frame_in_count) = counter.count(|| frame_in(&mut receiver, black_box(&wire)));
             let frame = frame?;
             let (event, validate_count) = counter.count(|| validate(black_box(&frame)));
-            let event = event.ok()?;
+            let event = event?.ok()?;
             let (report, slot_count) = counter.count(|| slot(unit, black_box(&event)));
             let report = report?;
             let (answer, frame_out_count) = counter.count(|| frame_out(black_box(&report)));

@@ -1,19 +1,19 @@
 //! QEMU as an instruction counter and as a chip with a look into its memory.
 
-use super::image::RAM;
 use crate::error::{Error, Result};
+use crate::hil::emulator::{Emulator as Chip, Setup, check_installed};
 use firmware::link::{ModemFrame, encode};
-use std::io::{Read, Write};
+use firmware::slot_clock::SlotLength;
+use std::io::Read;
 use std::ops::Range;
-use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 const EMULATOR: &str = "qemu-system-arm";
-/// For the emulator to start and for the unit to answer; a loaded machine needs seconds.
-const START_LIMIT: Duration = Duration::from_secs(60);
+/// For one answer; a loaded machine needs seconds.
+const ANSWER_LIMIT: Duration = Duration::from_secs(60);
 /// For all measurements, which take seconds.
 const MEASURE_LIMIT: Duration = Duration::from_secs(600);
 /// Where the measuring image expects its job.
@@ -30,21 +30,16 @@ impl Drop for Emulator {
 }
 
 fn start(image: &Path, arguments: &[&str]) -> Result<Emulator> {
+    check_installed()?;
     let process = Command::new(EMULATOR)
         .args(["-machine", "netduinoplus2", "-display", "none", "-kernel"])
         .arg(image)
         .args(arguments)
-        .stdin(Stdio::piped())
+        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn();
-    process.map(Emulator).map_err(|error| {
-        Error::input(
-            EMULATOR,
-            error,
-            "QEMU (`apt-get install qemu-system-arm` or `brew install qemu`)",
-        )
-    })
+    process.map(Emulator).map_err(broken)
 }
 
 fn broken(found: impl ToString) -> Error {
@@ -121,89 +116,27 @@ fn reader(emulator: &mut Emulator) -> Result<Receiver<Vec<u8>>> {
 /// The deployed image's greatest stack in bytes over these frames, sent one after the other's answer.
 ///
 /// RAM is zero when the emulator starts: the lowest byte of the stack's addresses that is not tells how far it went.
+///
+/// # Errors
+/// As [`Chip::boot`], and for a unit that does not answer.
 pub fn stack(image: &Path, addresses: &Range<u64>, frames: &[ModemFrame]) -> Result<u64> {
-    let directory = tempfile::tempdir().map_err(|source| Error::file(&std::env::temp_dir(), source))?;
-    let (monitor, memory) = (directory.path().join("monitor"), directory.path().join("memory"));
-    let listen = format!("unix:{},server=on,wait=off", option_path(&monitor));
-    let mut emulator = start(
-        image,
-        &[
-            "-chardev",
-            "stdio,id=line",
-            "-serial",
-            "chardev:line",
-            "-monitor",
-            &listen,
-        ],
-    )?;
-    let answers = reader(&mut emulator)?;
-    let mut line = emulator.0.stdin.take().ok_or_else(|| broken("no line"))?;
-    wait_for_unit(&mut line, &answers)?;
+    let mut chip = Chip::boot(&Setup {
+        name: "the image".to_owned(),
+        elf: image.to_owned(),
+        ..Setup::default()
+    })?;
+    // A loaded machine must not look like a silent modem.
+    let slow = ModemFrame::SlotLength {
+        microseconds: SlotLength::MAX_MICROSECONDS,
+    };
+    chip.send(&encode(&slow).map_err(broken)?)?;
     for frame in frames {
-        send(&mut line, frame)?;
-        wait_for_answer(&answers, START_LIMIT)?;
+        chip.send(&encode(frame).map_err(broken)?)?;
+        let _ = chip
+            .receive(ANSWER_LIMIT)?
+            .ok_or_else(|| broken("a unit that does not answer"))?;
     }
-    let saved = save_memory(&monitor, &memory);
-    saved.map_err(|error| broken(format!("a closed monitor ({error})")))?;
-    let _ = emulator.0.wait();
-    let bytes = std::fs::read(&memory).map_err(|source| Error::file(&memory, source))?;
-    let offset = |address: u64| address.saturating_sub(RAM.start) as usize;
-    let stack = bytes.get(offset(addresses.start)..offset(addresses.end));
-    let stack = stack.ok_or_else(|| broken("a stack outside of RAM"))?;
+    let stack = chip.memory(addresses.start, (addresses.end - addresses.start) as usize)?;
     let free = stack.iter().position(|&byte| byte != 0).unwrap_or(stack.len());
     Ok((stack.len() - free) as u64)
-}
-
-fn save_memory(monitor: &Path, memory: &Path) -> std::io::Result<()> {
-    let mut monitor = UnixStream::connect(monitor)?;
-    let length = RAM.end - RAM.start;
-    writeln!(
-        monitor,
-        "pmemsave {:#x} {length:#x} \"{}\"",
-        RAM.start,
-        memory.display()
-    )?;
-    writeln!(monitor, "quit")?;
-    // Until the emulator hangs up, which it does when all is saved.
-    let _ = monitor.read_to_end(&mut Vec::new());
-    Ok(())
-}
-
-/// What arrives before the unit listens is lost, as on a real line: asks until it answers.
-fn wait_for_unit(line: &mut ChildStdin, answers: &Receiver<Vec<u8>>) -> Result<()> {
-    const PATIENCE: Duration = Duration::from_millis(200);
-    let deadline = Instant::now() + START_LIMIT;
-    for slot in 0.. {
-        send(line, &ModemFrame::Missed { slot })?;
-        if wait_for_answer(answers, PATIENCE).is_ok() {
-            break;
-        }
-        if Instant::now() > deadline {
-            return Err(broken("a unit that does not answer"));
-        }
-    }
-    // Late answers to earlier questions.
-    while wait_for_answer(answers, PATIENCE).is_ok() {}
-    Ok(())
-}
-
-fn send(line: &mut ChildStdin, frame: &ModemFrame) -> Result<()> {
-    let wire = encode(frame).map_err(broken)?;
-    line.write_all(&wire)
-        .and_then(|()| line.flush())
-        .map_err(|error| broken(format!("a closed line ({error})")))
-}
-
-/// Waits for the zero byte that ends a frame.
-fn wait_for_answer(answers: &Receiver<Vec<u8>>, limit: Duration) -> Result<()> {
-    let deadline = Instant::now() + limit;
-    loop {
-        let left = deadline.saturating_duration_since(Instant::now());
-        let bytes = answers
-            .recv_timeout(left)
-            .map_err(|_| broken("a unit that does not answer"))?;
-        if bytes.contains(&0) {
-            return Ok(());
-        }
-    }
 }
