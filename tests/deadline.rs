@@ -25,7 +25,7 @@ const PINNED: [(&str, u64, u64); 9] = [
     ("slot_max_instructions", 5, 9_000),
     ("net_7_64_32_4_instructions", 1, 3_100),
     ("net_7_1024_512_4_instructions", 1, 420_000),
-    ("flash_bytes", 15, 32 << 10),
+    ("flash_bytes", 15, 64 << 10),
     ("ram_bytes", 5, 6 << 10),
     ("stack_bytes", 15, 8 << 10),
 ];
