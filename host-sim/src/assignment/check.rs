@@ -3,6 +3,7 @@
 //! It gets there by other means than the solvers. Costs come from the printed BPR formula, cheapest paths from a
 //! label-correcting search (Pape 1974 with a plain queue), sums run in link order.
 
+use super::csv_rows::csv_rows;
 use super::demand::Demand;
 use super::network::{Link, Network};
 use super::{Objective, problem};
@@ -214,18 +215,8 @@ pub fn read_flows(path: &Path, network: &Network) -> Result<Vec<f64>> {
 /// # Errors
 /// As [`read_flows`].
 pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>> {
-    let mut lines = (1..).zip(text.lines().map(str::trim));
-    let header = lines.next().map_or("", |(_, line)| line);
-    if header != HEADER {
-        return Err(Error::input(
-            format!("{name}:1"),
-            format!("`{header}`"),
-            format!("`{HEADER}`"),
-        ));
-    }
     let mut link_flows = Vec::with_capacity(network.links().len());
-    for (number, line) in lines.filter(|(_, line)| !line.is_empty()) {
-        let place = format!("{name}:{number}");
+    for (place, line) in csv_rows(name, text, HEADER)? {
         let Some(link) = network.links().get(link_flows.len()) else {
             let expected = format!("{} rows, one per link", network.links().len());
             return Err(Error::input(place, "one more row", expected));

@@ -34,6 +34,7 @@
 mod all_or_nothing;
 pub mod check;
 pub mod convergence;
+mod csv_rows;
 mod csv_table;
 pub mod demand;
 mod frank_wolfe;

@@ -1,5 +1,6 @@
 //! Path flows: which ways the trips of each pair of zones take, as a result, as a file, and as a start for the next solve.
 
+use super::csv_rows::csv_rows;
 use super::demand::Demand;
 use super::network::Network;
 use crate::error::{Error, Result};
@@ -120,19 +121,9 @@ pub fn read_paths(path: &Path, network: &Network) -> Result<Vec<PathFlow>> {
 /// # Errors
 /// As [`read_paths`].
 pub fn parse_paths(name: &str, text: &str, network: &Network) -> Result<Vec<PathFlow>> {
-    let mut lines = (1..).zip(text.lines().map(str::trim));
-    let header = lines.next().map_or("", |(_, line)| line);
-    if header != HEADER {
-        return Err(Error::input(
-            format!("{name}:1"),
-            format!("`{header}`"),
-            format!("`{HEADER}`"),
-        ));
-    }
     let zones = network.zone_numbers();
     let mut path_flows = Vec::new();
-    for (number, line) in lines.filter(|(_, line)| !line.is_empty()) {
-        let place = format!("{name}:{number}");
+    for (place, line) in csv_rows(name, text, HEADER)? {
         let columns: Vec<&str> = line.split(',').map(str::trim).collect();
         let &[origin, destination, volume, _cost, links] = columns.as_slice() else {
             let found = format!("{} columns", columns.len());

@@ -1,12 +1,9 @@
 //! The programs for the chip: building them, and what their ELF files say.
 
 use crate::error::{Error, Result};
+use crate::hil::image::build_firmware;
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 use std::path::{Path, PathBuf};
-use std::process::Command;
-
-/// What the chip is to the compiler.
-const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// The chip's flash (`memory.x`).
 const FLASH: std::ops::Range<u64> = 0x0800_0000..0x0810_0000;
@@ -33,27 +30,25 @@ impl Images {
         let workspace = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
         let usual = std::env::var_os("CARGO_TARGET_DIR").map_or(workspace.join("target"), PathBuf::from);
         let directory = usual.join("measure");
-        let output = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
-            .args(["build", "-p", "firmware", "--bins", "--features", "measure"])
-            .args(["--profile", "firmware", "--target", TARGET])
-            .arg("--target-dir")
-            .arg(&directory)
-            .current_dir(workspace)
-            .output()
-            .map_err(|error| Error::input("cargo", error, "Cargo, to build the image"))?;
-        if !output.status.success() {
-            let text = String::from_utf8_lossy(&output.stderr).into_owned();
-            let first = text.lines().find(|line| line.starts_with("error"));
-            return Err(Error::input(
-                "building the image",
-                first.unwrap_or("a failure without an error"),
-                format!("a build for {TARGET} (`rustup target add {TARGET}`)"),
-            ));
-        }
-        let built = directory.join(TARGET).join("firmware");
+        let directory = directory.display().to_string();
+        let programs = build_firmware(&[
+            "--bins",
+            "--features",
+            "measure",
+            "--target-dir",
+            directory.as_str(),
+        ])?;
+        let program = |name: &str| {
+            let found = programs
+                .iter()
+                .find(|path| path.file_name().is_some_and(|file| file == name));
+            found
+                .cloned()
+                .ok_or_else(|| Error::input("cargo build -p firmware", "no program", name))
+        };
         Ok(Self {
-            deployed: built.join("firmware"),
-            measuring: built.join("measure"),
+            deployed: program("firmware")?,
+            measuring: program("measure")?,
         })
     }
 }

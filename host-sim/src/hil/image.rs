@@ -10,13 +10,18 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 /// Builds the release image as its users do, and gives its path.
 ///
 /// # Errors
-/// [`Error::Input`] with Cargo's last words.
+/// [`Error::Input`] with Cargo's first error.
 pub fn build() -> Result<PathBuf> {
-    let wrong = |found: String| {
-        let expected =
-            format!("an image (`rustup target add {TARGET}` if the target is missing), or --elf FILE");
-        Error::input("cargo build -p firmware", found, expected)
-    };
+    build_firmware(&["--bin", "firmware"])?
+        .pop()
+        .ok_or_else(|| wrong_build("no executable"))
+}
+
+/// Builds the package `firmware` for the chip with these further arguments, and gives its programs' paths.
+///
+/// # Errors
+/// [`Error::Input`] with Cargo's first error.
+pub fn build_firmware(arguments: &[&str]) -> Result<Vec<PathBuf>> {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
         .args([
             "build",
@@ -28,28 +33,28 @@ pub fn build() -> Result<PathBuf> {
             TARGET,
         ])
         .args(["--message-format", "json-render-diagnostics"])
+        .args(arguments)
         .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
         .stdin(Stdio::null())
         .output()
-        .map_err(|error| wrong(error.to_string()))?;
+        .map_err(|error| wrong_build(&error.to_string()))?;
+    if !output.status.success() {
+        let words = String::from_utf8_lossy(&output.stderr);
+        let error = words.lines().find(|line| line.starts_with("error"));
+        return Err(wrong_build(error.unwrap_or("a failure without an error")));
+    }
     let text = String::from_utf8_lossy(&output.stdout);
     let messages = text
         .lines()
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
-    let executable = messages
+    Ok(messages
         .filter_map(|message| message.get("executable")?.as_str().map(PathBuf::from))
-        .next_back();
-    match executable {
-        Some(path) if output.status.success() => Ok(path),
-        _ => {
-            let words = String::from_utf8_lossy(&output.stderr);
-            let error = words
-                .lines()
-                .find(|line| line.starts_with("error"))
-                .unwrap_or("no executable");
-            Err(wrong(error.to_owned()))
-        }
-    }
+        .collect())
+}
+
+fn wrong_build(found: &str) -> Error {
+    let expected = format!("a build for {TARGET} (`rustup target add {TARGET}` if the target is missing)");
+    Error::input("cargo build -p firmware", found, expected)
 }
 
 /// A checked image.
