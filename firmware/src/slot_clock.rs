@@ -2,7 +2,8 @@
 //!
 //! A frame for a new slot sets the phase: the next is expected one slot later. If it has not come [`GRACE_QUARTERS`] later
 //! still, its slot is decided as missed, and from there one slot after the other, for as long as the modem is silent. Ticks
-//! are a quarter of a slot or a fraction of it, and nothing in a frame can stop them.
+//! are a quarter of a slot or a fraction of it. A new slot or slot length starts the tick anew, so frames that keep coming
+//! faster than ticks hold them off; a modem that does so is not silent.
 //!
 //! Before the first frame there is no slot index, so nothing is decided.
 

@@ -117,8 +117,8 @@ struct Known {
 }
 
 impl<'t, R: Rng> Unit<'t, R> {
-    /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent for ever and says why
-    /// ([`Unit::table`]).
+    /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent until it gets another one, and
+    /// says why ([`Unit::table`]).
     pub fn new(bytes: &'t [u8], back_off: R) -> Self {
         let mut unit = Self::without_table(back_off);
         unit.replace_table(bytes);
@@ -222,7 +222,7 @@ impl<'t, R: Rng> Unit<'t, R> {
         let age = age_at(slot, known.last_acknowledged);
         let own_turn = crate::reciprocal::remainder(age.slots(), period.slots()) == 0;
         let plan = table.power_plan();
-        // One draw in every slot, whatever the branch, so that the stream does not depend on the data.
+        // One draw in every degraded slot, whatever the branch, so that the stream does not depend on the levels.
         let [draw, level_draw, ..] = self.back_off.next_u32().to_le_bytes();
         let decision = if level < table.required_sinr() {
             Decision::Silent

@@ -3,7 +3,7 @@
 //! An image holds one public key; the secret one never comes near it. `FRESHLANE_TABLE_KEY`, 64 hexadecimal digits in the
 //! environment of the build, is that key. Without it the image holds the **test key**, whose secret half is in the repository's
 //! tests: everybody can sign for such an image. It says so in three places: a warning of the build, [`Key::IS_TEST`] with the
-//! text [`Key::KIND`] in the image (`strings firmware | grep 'table key'`), and a warning in the log at every start.
+//! text [`Key::KIND`] in the image (`strings firmware | grep 'table key'`), and a line in the log (feature `defmt`) at every start.
 //!
 //! # Why salty
 //! Signatures are checked by `salty`, which is made for this core and takes 14 KiB; ed25519-dalek takes 47, ed25519-compact 302,

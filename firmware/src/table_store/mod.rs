@@ -9,8 +9,10 @@
 //!
 //! # Rollback
 //! A package must have a version above the one that runs, and at least [`key::MINIMUM_VERSION`]. A version counts tables of one
-//! signing key, not images. Nobody without the key can make a package, so only packages that were signed once can be played again,
-//! and those are not above the version that runs. If the newest slot is damaged later, the older one runs, and the newest may be sent again.
+//! signing key, not images. Nobody without the key can make a package, so only packages that were signed once can be played again.
+//! The floor is the version that runs: while the built-in table runs it is [`key::MINIMUM_VERSION`], and after damage to the newest
+//! slot it is the older one's. Raise [`key::MINIMUM_VERSION`] in a new image to withdraw versions for good, and never sign the
+//! largest one, which nothing could follow.
 
 pub mod key;
 pub mod package;

@@ -6,6 +6,7 @@ use crate::deadline::{Extent, NetworkReport, Report, report};
 use crate::error::{Error, Result};
 use crate::report::cell::Cell;
 use crate::report::text_table::{Column, TextTable};
+use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -67,7 +68,7 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
         ));
     }
     if arguments.json {
-        println!("{}", as_json(&report, &extent));
+        say!("{}", as_json(&report, &extent));
     } else {
         print!("{}", as_text(&report, &extent));
     }

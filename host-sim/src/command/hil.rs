@@ -7,6 +7,7 @@ use crate::hil::fleet::{Fleet, FleetResult, INSTRUCTION_SHIFT};
 use crate::hil::image::{self, Image};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
+use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
 use firmware::table::Table;
@@ -77,14 +78,21 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
     progress.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     if arguments.json {
-        println!(
+        say!(
             "{}",
             to_json(arguments, &scenario, &result, library_mean_ms, seconds)
         );
     } else {
         print_report(arguments, &scenario, &result, library_mean_ms, seconds);
     }
-    Ok(())
+    if result.mismatches + result.deadline_misses == 0 {
+        return Ok(());
+    }
+    let found = format!(
+        "{} mismatches and {} missed deadlines",
+        result.mismatches, result.deadline_misses
+    );
+    Err(Error::input("images", found, "none"))
 }
 
 /// The same world with the library's units alone.
@@ -138,21 +146,24 @@ fn print_report(
     seconds: f64,
 ) {
     let (units, slots, vehicles) = (arguments.units, arguments.slots, scenario.cell.vehicles);
-    println!(
+    say!(
         "{units} of {vehicles} vehicles are images in QEMU, {slots} slots, seed {}",
         arguments.seed
     );
-    println!(
+    say!(
         "decisions           {} answered, {} not the library's",
-        result.answers, result.mismatches
+        result.answers,
+        result.mismatches
     );
-    println!(
+    say!(
         "slot                {} to {} instructions from a frame's last byte to its answer, {} deadlines missed",
-        result.min_instructions, result.max_instructions, result.deadline_misses
+        result.min_instructions,
+        result.max_instructions,
+        result.deadline_misses
     );
-    println!(
+    say!(
         "mean age            {:.3} ms, {library_mean_ms:.3} with the library alone",
         result.ages.mean_ms
     );
-    println!("wall time           {seconds:.1} s");
+    say!("wall time           {seconds:.1} s");
 }

@@ -1,7 +1,7 @@
 //! QEMU as an instruction counter and as a chip with a look into its memory.
 
 use crate::error::{Error, Result};
-use crate::hil::emulator::{Emulator as Chip, Setup, check_installed};
+use crate::hil::emulator::{Emulator as Chip, Setup, check_installed, end_with_parent};
 use firmware::link::{ModemFrame, encode};
 use firmware::slot_clock::SlotLength;
 use std::io::Read;
@@ -31,15 +31,16 @@ impl Drop for Emulator {
 
 fn start(image: &Path, arguments: &[&str]) -> Result<Emulator> {
     check_installed()?;
-    let process = Command::new(EMULATOR)
+    let mut command = Command::new(EMULATOR);
+    command
         .args(["-machine", "netduinoplus2", "-display", "none", "-kernel"])
         .arg(image)
         .args(arguments)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn();
-    process.map(Emulator).map_err(broken)
+        .stderr(Stdio::null());
+    end_with_parent(&mut command);
+    command.spawn().map(Emulator).map_err(broken)
 }
 
 fn broken(found: impl ToString) -> Error {
