@@ -25,7 +25,7 @@
 //! In every state the decision is legal: silent, or one existing sub-channel with at most the table's full power.
 
 use crate::actor::Actor;
-use crate::decision::{Action, Decision};
+use crate::decision::Decision;
 use crate::fmt::{log_info, log_warning};
 use crate::measurement::{Broadcast, Measurement, age_at};
 use crate::observation::{Observation, turn_lost};
@@ -251,11 +251,6 @@ impl<'t, R: Rng> Unit<'t, R> {
             self.tracker.miss();
             self.missed = self.missed.saturating_add(1);
         }
-    }
-
-    /// What to do with a measurement, without deciding its slot: for tools that compare actors.
-    pub fn act(&mut self, observation: &Observation) -> Option<Action> {
-        self.actor.as_mut().ok().map(|actor| actor.act(observation))
     }
 }
 

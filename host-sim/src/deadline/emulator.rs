@@ -1,13 +1,13 @@
 //! QEMU as an instruction counter and as a chip with a look into its memory.
 
 use crate::error::{Error, Result};
-use crate::hil::emulator::{Emulator as Chip, Setup, check_installed, end_with_parent};
+use crate::hil::emulator::{Emulator as Chip, Setup, check_installed, machine};
 use firmware::link::{ModemFrame, encode};
 use firmware::slot_clock::SlotLength;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
@@ -31,15 +31,12 @@ impl Drop for Emulator {
 
 fn start(image: &Path, arguments: &[&str]) -> Result<Emulator> {
     check_installed()?;
-    let mut command = Command::new(EMULATOR);
+    let mut command = machine(image);
     command
-        .args(["-machine", "netduinoplus2", "-display", "none", "-kernel"])
-        .arg(image)
         .args(arguments)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null());
-    end_with_parent(&mut command);
     command.spawn().map(Emulator).map_err(broken)
 }
 

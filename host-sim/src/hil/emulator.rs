@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -73,17 +73,8 @@ impl Emulator {
         let directory = tempfile::tempdir().map_err(|source| Error::file(&std::env::temp_dir(), source))?;
         let line = listen(setup.port)?;
         let monitor = listen(None)?;
-        let mut command = Command::new(PROGRAM);
-        command.args([
-            "-machine",
-            "netduinoplus2",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-            "-kernel",
-        ]);
-        command.arg(&setup.elf);
+        let mut command = machine(&setup.elf);
+        command.args(["-monitor", "none"]);
         for (id, listener) in [("line", &line), ("control", &monitor)] {
             let port = listener
                 .local_addr()
@@ -109,7 +100,6 @@ impl Emulator {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(log_file);
-        end_with_parent(&mut command);
         let child = command.spawn().map_err(|error| missing(&error))?;
         let mut process = Process { child, log };
         let line = process.accept(&setup.name, &line)?;
@@ -324,9 +314,19 @@ fn listen(port: Option<u16>) -> Result<TcpListener> {
         })
 }
 
+/// The machine with an image, without a screen; it does not outlive the thread that starts it.
+pub(crate) fn machine(elf: &Path) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command
+        .args(["-machine", "netduinoplus2", "-display", "none", "-kernel"])
+        .arg(elf);
+    end_with_parent(&mut command);
+    command
+}
+
 /// Asks the system to end the process when the thread that starts it ends, even if that is killed.
 #[cfg(target_os = "linux")]
-pub(crate) fn end_with_parent(command: &mut Command) {
+fn end_with_parent(command: &mut Command) {
     use std::os::unix::process::CommandExt;
     // SAFETY: between fork and exec only async-signal-safe calls are allowed; prctl is a bare system call, and the closure
     // allocates nothing.
@@ -341,4 +341,4 @@ pub(crate) fn end_with_parent(command: &mut Command) {
 
 /// Elsewhere a killed parent leaves its children to whoever killed it.
 #[cfg(not(target_os = "linux"))]
-pub(crate) fn end_with_parent(_: &mut Command) {}
+fn end_with_parent(_: &mut Command) {}
