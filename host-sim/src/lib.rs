@@ -18,6 +18,7 @@ pub mod deadline;
 pub mod environment;
 pub mod error;
 pub mod hil;
+pub mod lanes;
 pub mod mobility;
 pub mod pack;
 pub mod policy;
