@@ -50,9 +50,8 @@ mod tests {
         let significands = (0..1 << 23).flat_map(|bits| {
             [1_u32, 126, 127, 128, 254].map(|exponent| f32::from_bits(exponent << 23 | bits))
         });
-        let exponents = (1..255).flat_map(|exponent| {
-            (0..1024).map(move |bits| f32::from_bits(exponent << 23 | bits << 13))
-        });
+        let exponents = (1..255)
+            .flat_map(|exponent| (0..1024).map(move |bits| f32::from_bits(exponent << 23 | bits << 13)));
         for x in significands.chain(exponents) {
             let exact = libm::log(f64::from(x));
             let unit = f64::from((exact as f32).abs().next_up()) - f64::from((exact as f32).abs());

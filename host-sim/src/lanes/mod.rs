@@ -7,10 +7,12 @@
 mod logarithm;
 mod power;
 mod random;
+mod rows;
 
 pub use logarithm::{decibels, ln};
 pub use power::ratio;
 pub use random::{LaneStream, unit_interval};
+pub use rows::Rows;
 
 /// Worlds of a row (chosen: two to eight vectors of every machine's width).
 pub const LANES: usize = 32;

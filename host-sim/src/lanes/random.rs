@@ -105,8 +105,7 @@ fn add(row: &mut Row<u32>, other: &Row<u32>) {
 #[inline(always)]
 fn quarter_round(words: &mut [Row<u32>; BLOCK], a: usize, b: usize, c: usize, d: usize) {
     for lane in 0..LANES {
-        let (mut x, mut y, mut z, mut w) =
-            (words[a][lane], words[b][lane], words[c][lane], words[d][lane]);
+        let (mut x, mut y, mut z, mut w) = (words[a][lane], words[b][lane], words[c][lane], words[d][lane]);
         x = x.wrapping_add(y);
         w = (w ^ x).rotate_left(16);
         z = z.wrapping_add(w);

@@ -1,42 +1,42 @@
 //! The firmware's units, one a vehicle, fed with measurements as on the road.
 
 use super::Policy;
-use crate::cell::Cell;
-use crate::stream::{Role, Stream, WorldKey};
-use firmware::decision::Decision;
+use crate::decisions::Decisions;
+use crate::environment::Environment;
+use crate::stream::{Role, Stream};
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 
 /// One [`Unit`] a vehicle, switched on when the vehicle first appears; it stays on while the vehicle is away.
 pub struct FirmwareActor<'t> {
     table: &'t Table<'t>,
-    key: WorldKey,
+    /// `[world][vehicle]`.
     units: Vec<Option<Unit<'t, Stream>>>,
 }
 
 impl<'t> FirmwareActor<'t> {
     /// Units that run this table.
-    pub fn new(table: &'t Table<'t>, key: WorldKey) -> Self {
-        Self {
-            table,
-            key,
-            units: Vec::new(),
-        }
+    pub fn new(table: &'t Table<'t>, environment: &Environment<'_>) -> Self {
+        let mut units = Vec::new();
+        units.resize_with(environment.worlds() * environment.vehicles(), || None);
+        Self { table, units }
     }
 }
 
 impl Policy for FirmwareActor<'_> {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        self.units.resize_with(cell.vehicles(), || None);
-        for &vehicle in cell.present() {
-            let unit = self.units[vehicle].get_or_insert_with(|| {
-                Unit::new(self.table.bytes(), self.key.stream(Role::BackOff, vehicle as u32))
-            });
-            let event = cell
-                .measurement(vehicle)
-                .map_or(Event::Missed(cell.slot()), Event::Measured);
-            if let Some(report) = unit.slot(&event) {
-                decisions[vehicle] = report.decision;
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        for (world, key) in environment.keys().iter().enumerate() {
+            for &vehicle in environment.present() {
+                let unit = &mut self.units[world * environment.vehicles() + vehicle];
+                let unit = unit.get_or_insert_with(|| {
+                    Unit::new(self.table.bytes(), key.stream(Role::BackOff, vehicle as u32))
+                });
+                let event = environment
+                    .measurement(world, vehicle)
+                    .map_or(Event::Missed(environment.slot()), Event::Measured);
+                if let Some(report) = unit.slot(&event) {
+                    decisions.set(world, vehicle, report.decision);
+                }
             }
         }
     }

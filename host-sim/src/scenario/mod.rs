@@ -6,7 +6,7 @@
 mod layers;
 
 use crate::error::{Error, Result};
-use firmware::units::{Age, Level, SUB_CHANNELS};
+use firmware::units::{Age, Level};
 use serde::{Deserialize, Serialize};
 
 pub use layers::{Preset, ScenarioSource};
@@ -294,12 +294,7 @@ impl Scenario {
         )?;
         integer_within("planning.period_slots", planning.period_slots, 1, 100_000_000)?;
         integer_within("cell.vehicles", cell.vehicles, 1, 10_000)?;
-        integer_within(
-            "radio.sub_channels",
-            radio.sub_channels,
-            SUB_CHANNELS as u32,
-            SUB_CHANNELS as u32,
-        )?;
+        integer_within("radio.sub_channels", radio.sub_channels, 1, 200)?;
         integer_within("radio.slow_update_slots", radio.slow_update_slots, 1, 100_000)?;
         integer_within("mobility.blocks_x", mobility.blocks_x, 1, 100)?;
         integer_within("mobility.blocks_y", mobility.blocks_y, 1, 100)?;
