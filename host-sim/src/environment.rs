@@ -118,6 +118,11 @@ impl<'s> Environment<'s> {
         self.source.vehicles(self.scenario)
     }
 
+    /// The most vehicles at once.
+    pub fn most_vehicles(&self) -> usize {
+        self.source.most_vehicles(self.scenario)
+    }
+
     /// How many sub-channels the cell has.
     pub fn sub_channels(&self) -> usize {
         self.scenario.radio.sub_channels as usize

@@ -28,6 +28,8 @@ enum Command {
     Hil(command::hil::HilArguments),
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
     Deadline(command::deadline::DeadlineArguments),
+    /// How many slots a second the simulator makes on this machine
+    Bench(command::bench::BenchArguments),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
+        Some(Command::Bench(arguments)) => command::bench::run(&arguments),
     };
     command::finish(outcome)
 }

@@ -7,11 +7,13 @@
 mod logarithm;
 mod power;
 mod random;
+mod rounding;
 mod rows;
 
 pub use logarithm::{decibels, ln};
 pub use power::ratio;
 pub use random::{LaneStream, unit_interval};
+pub use rounding::floor;
 pub use rows::Rows;
 
 /// Worlds of a row (chosen: two to eight vectors of every machine's width).
