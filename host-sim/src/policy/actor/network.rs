@@ -133,7 +133,7 @@ fn unpacked(quad: &[u8], biases: &[i32]) -> Quad {
     // weight plus the odd row's.
     let weight = |row: usize, column: usize| {
         let halfword = halfwords[column / 4 * 8 + row / 2 * 4 + column % 4];
-        i32::from(if row % 2 == 0 {
+        i32::from(if row.is_multiple_of(2) {
             (halfword + 128) >> 8
         } else {
             i16::from(halfword as i8)
