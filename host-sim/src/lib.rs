@@ -25,4 +25,5 @@ pub mod report;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;
+pub mod sweep;
 pub mod traffic;

@@ -16,7 +16,11 @@ pub enum Preset {
 }
 
 impl Preset {
-    const fn text(self) -> &'static str {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Companion];
+
+    /// Its TOML text.
+    pub const fn text(self) -> &'static str {
         match self {
             Self::Paper => include_str!("../../presets/paper.toml"),
             Self::Companion => include_str!("../../presets/companion.toml"),
@@ -94,7 +98,8 @@ impl ScenarioSource {
     }
 }
 
-fn parse(place: &str, text: &str) -> Result<Table> {
+/// A TOML text, or the line that is none.
+pub(crate) fn parse(place: &str, text: &str) -> Result<Table> {
     text.parse().map_err(|error: toml::de::Error| {
         let line = error
             .span()

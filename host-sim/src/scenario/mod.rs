@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use firmware::units::{Age, Level, SUB_CHANNELS};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use layers::parse as parse_toml;
 pub use layers::{Preset, ScenarioSource};
 
 /// A checked scenario.
