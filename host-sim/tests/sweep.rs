@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-/// 2 x 5 x 100 = 1,000 points, as small as they get.
+/// 2 x 5 x 100 = 1,000 points, as small as they get: four roads too.
 const THOUSAND: &str = "
 worlds = 1
 slots = 3
@@ -14,6 +14,9 @@ warmup = 0
 vehicles = [2, 4]
 policy = [\"actor\", \"central\", \"clock\", \"aloha\", \"always\"]
 seed = { from = 1, to = 100 }
+[mobility]
+blocks_x = 1
+blocks_y = 1
 ";
 
 /// 12 points of two worlds.
@@ -88,17 +91,28 @@ impl Bench {
         (read("merged.parquet"), read("merged.csv"))
     }
 
-    /// Runs a shard, but kills it after a while if it takes that long. Whether it was killed.
-    fn shard(&self, out: &str, shard: &str, most: Option<Duration>) -> bool {
+    /// Runs a shard to its end.
+    fn shard(&self, out: &str, shard: &str) {
+        let _object = self.json("sweep", out, &["--shard", shard]);
+    }
+
+    /// Runs a shard, and kills it as soon as it has kept so many points. Whether it came to that.
+    fn kill_midway(&self, out: &str, shard: &str, after: usize) -> bool {
+        let folder = self.path(out);
+        let before = files(&folder);
         let mut command = self.command("sweep", out, &["--shard", shard, "--json"]);
         let mut child = command.stdout(Stdio::null()).spawn().unwrap();
-        if let Some(most) = most {
-            std::thread::sleep(most);
-            child.kill().unwrap();
+        loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                assert!(status.success());
+                return false;
+            }
+            if files(&folder) >= before + after {
+                child.kill().unwrap();
+                return !child.wait().unwrap().success();
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
-        let status = child.wait().unwrap();
-        assert!(most.is_some() || status.success());
-        !status.success()
     }
 }
 
@@ -109,7 +123,11 @@ fn files(folder: &Path) -> usize {
     entries
         .map(|entry| {
             let path = entry.unwrap().path();
-            if path.is_dir() { files(&path) } else { usize::from(path.extension().is_some_and(|e| e == "json")) }
+            if path.is_dir() {
+                files(&path)
+            } else {
+                usize::from(path.extension().is_some_and(|e| e == "json"))
+            }
         })
         .sum()
 }
@@ -122,7 +140,9 @@ fn a_thousand_points_merge_to_the_same_bytes_however_split_killed_and_repeated()
     let expected = bench.merged("whole");
     let mut random = 2026_u64;
     let mut next = |below: u64| {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        random = random
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (random >> 33) % below
     };
     for count in [1, 7, 50] {
@@ -132,30 +152,32 @@ fn a_thousand_points_merge_to_the_same_bytes_however_split_killed_and_repeated()
             order.swap(last, next(last as u64 + 1) as usize);
         }
         let mut killed = 0;
-        let mut kept_by_killed = 0;
         for index in order {
             let shard = format!("{index}/{count}");
-            // Long enough to begin, for some long enough to end.
-            for _ in 0..next(3) {
-                let before = files(&bench.path(&out));
-                if bench.shard(&out, &shard, Some(Duration::from_millis(5 + next(60)))) {
-                    killed += 1;
-                    kept_by_killed += files(&bench.path(&out)) - before;
-                }
+            for _ in 0..next(3) + u64::from(count == 1) {
+                let after = next(1000 / count / 2) as usize;
+                killed += usize::from(bench.kill_midway(&out, &shard, after));
             }
-            assert!(!bench.shard(&out, &shard, None));
+            bench.shard(&out, &shard);
         }
+        assert!(killed > 0, "no shard of {count} was killed midway");
         // Once more with another split: nothing is left to do.
         let again = bench.json("sweep", &out, &["--shard", "2/3"]);
-        assert_eq!((again["computed"].as_u64(), again["skipped"].as_u64()), (Some(0), Some(333)));
+        assert_eq!(
+            (again["computed"].as_u64(), again["skipped"].as_u64()),
+            (Some(0), Some(333))
+        );
         assert!(bench.merged(&out) == expected, "{count} shards");
-        println!("{count} shards: {killed} killed, which had kept {kept_by_killed} points");
-        assert!(count < 50 || killed > 0, "no shard of {count} was killed midway");
     }
     // Halves in different folders, one of them whole: repeated points agree.
-    assert!(!bench.shard("half", "1/2", None));
-    let more = ["--results", bench.path("whole").to_str().unwrap(), "--results", bench.path("half").to_str().unwrap()]
-        .map(str::to_owned);
+    bench.shard("half", "1/2");
+    let more = [
+        "--results",
+        bench.path("whole").to_str().unwrap(),
+        "--results",
+        bench.path("half").to_str().unwrap(),
+    ]
+    .map(str::to_owned);
     let more: Vec<&str> = more.iter().map(String::as_str).collect();
     let _object = bench.json("merge", "both", &more);
     assert!(std::fs::read(bench.path("both/merged.parquet")).unwrap() == expected.0);
@@ -165,7 +187,10 @@ fn a_thousand_points_merge_to_the_same_bytes_however_split_killed_and_repeated()
 fn a_point_is_what_run_says_and_the_figure_pools_seeds() {
     let bench = Bench::new(SMALL);
     let plan = bench.json("sweep", "out", &["--plan", "1"]);
-    assert_eq!((plan["points"].as_u64(), plan["computed"].as_u64()), (Some(12), Some(12)));
+    assert_eq!(
+        (plan["points"].as_u64(), plan["computed"].as_u64()),
+        (Some(12), Some(12))
+    );
     assert_eq!(plan["plan_shards"], 1);
     let object = bench.json("merge", "out", &["--figure", "vehicles"]);
     assert_eq!(object["files"].as_array().unwrap().len(), 4);
@@ -173,12 +198,31 @@ fn a_point_is_what_run_says_and_the_figure_pools_seeds() {
     let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(
         rows[0][..9],
-        ["point", "policy", "seed", "vehicles", "worlds", "slots", "warmup", "bound_age_ms", "mean_age_ms"]
+        [
+            "point",
+            "policy",
+            "seed",
+            "vehicles",
+            "worlds",
+            "slots",
+            "warmup",
+            "bound_age_ms",
+            "mean_age_ms"
+        ]
     );
     // The last group changes fastest: vehicles, then policy, then seed.
     assert_eq!(rows[7][..7], ["6", "aloha", "3", "8", "2", "30", "10"]);
     let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(["run", "--json", "--policy", "aloha", "--seed", "3", "--vehicles", "8"])
+        .args([
+            "run",
+            "--json",
+            "--policy",
+            "aloha",
+            "--seed",
+            "3",
+            "--vehicles",
+            "8",
+        ])
         .args(["--worlds", "2", "--slots", "30", "--warmup", "10"])
         .output()
         .unwrap();
@@ -191,22 +235,36 @@ fn a_point_is_what_run_says_and_the_figure_pools_seeds() {
     assert_eq!(number(rows[7][14]), policy["traffic"]["uniform_mean_v_over_c"]);
     let figure = std::fs::read_to_string(bench.path("out/mean_age_by_vehicles.csv")).unwrap();
     let line = figure.lines().find(|line| line.starts_with("aloha,8,")).unwrap();
-    let fields: Vec<f64> = line.split(',').skip(1).map(|field| field.parse().unwrap()).collect();
-    let of = |column: usize| -> Vec<f64> { [7, 8].map(|row: usize| rows[row][column].parse().unwrap()).into() };
+    let fields: Vec<f64> = line
+        .split(',')
+        .skip(1)
+        .map(|field| field.parse().unwrap())
+        .collect();
+    let of =
+        |column: usize| -> Vec<f64> { [7, 8].map(|row: usize| rows[row][column].parse().unwrap()).into() };
     let (means, halves) = (of(8), of(9));
     assert_eq!(fields[1], (means[0] + means[1]) / 2.0);
-    assert_eq!(fields[2], libm::sqrt(halves[0] * halves[0] + halves[1] * halves[1]) / 2.0);
+    assert_eq!(
+        fields[2],
+        libm::sqrt(halves[0] * halves[0] + halves[1] * halves[1]) / 2.0
+    );
     assert_eq!(fields[3], 2.0);
 }
 
 #[test]
 fn missing_points_are_named_and_merged_only_if_asked() {
     let bench = Bench::new(SMALL);
-    assert!(bench.refusal("merge", "out", &[]).starts_with("error: out: found no grid.json, expected results of"));
-    assert!(!bench.shard("out", "0/3", None));
+    assert!(
+        bench
+            .refusal("merge", "out", &[])
+            .starts_with("error: out: found no grid.json, expected results of")
+    );
+    bench.shard("out", "0/3");
     let message = bench.refusal("merge", "out", &[]);
     assert!(
-        message.starts_with("error: out: found 8 of 12 points missing: 1 to 2, 4 to 5, 7 to 8, 10 to 11, expected every point"),
+        message.starts_with(
+            "error: out: found 8 of 12 points missing: 1 to 2, 4 to 5, 7 to 8, 10 to 11, expected every point"
+        ),
         "{message}"
     );
     assert!(!bench.path("out/merged.csv").exists());
@@ -217,7 +275,11 @@ fn missing_points_are_named_and_merged_only_if_asked() {
     let object = bench.json("merge", "out", &["--allow-missing"]);
     assert_eq!(object["merged"], 4);
     let csv = std::fs::read_to_string(bench.path("out/merged.csv")).unwrap();
-    let points: Vec<&str> = csv.lines().skip(1).map(|line| line.split_once(',').unwrap().0).collect();
+    let points: Vec<&str> = csv
+        .lines()
+        .skip(1)
+        .map(|line| line.split_once(',').unwrap().0)
+        .collect();
     assert_eq!(points, ["0", "3", "6", "9"]);
 }
 
@@ -246,7 +308,11 @@ radio.noise_power_dbm = [-114, -110.5]
     assert_eq!(rows[1], "0,-114,always,7,4,1");
     assert_eq!(rows[6], "5,-114,always,10,8,2");
     assert_eq!(rows[12], "11,-110.5,always,10,8,2");
-    assert!(bench.refusal("merge", "out", &[]).contains("found results of another grid"));
+    assert!(
+        bench
+            .refusal("merge", "out", &[])
+            .contains("found results of another grid")
+    );
 }
 
 #[test]
@@ -265,11 +331,20 @@ fn bad_grids_and_shards_are_one_line_each() {
     );
     assert!(with("polcy = \"actor\"\n").ends_with("such as policy"));
     assert!(with("max_power_dbm = 3\n").ends_with("such as radio.max_power_dbm"));
-    assert_eq!(with("seed = []\n"), "error: grid.toml: key seed: found no value, expected at least one");
+    assert_eq!(
+        with("seed = []\n"),
+        "error: grid.toml: key seed: found no value, expected at least one"
+    );
     assert!(with("seed = { from = 2, to = 1 }\n").contains("key seed: found no value"));
     assert!(with("seed = { from = 1 }\n").contains("expected { from = 1, to = 8 }"));
-    assert_eq!(with("seed = [1, 1]\n"), "error: grid.toml: key seed: found 1 twice, expected every value once");
-    assert!(with("vehicles = [\"many\"]\n").contains("key vehicles: found \"many\", expected whole numbers from 0"));
+    assert_eq!(
+        with("seed = [1, 1]\n"),
+        "error: grid.toml: key seed: found 1 twice, expected every value once"
+    );
+    assert!(
+        with("vehicles = [\"many\"]\n")
+            .contains("key vehicles: found \"many\", expected whole numbers from 0")
+    );
     assert!(with("vehicles = 4\n[cell]\nvehicles = 4\n").contains("both vehicles and cell.vehicles"));
     assert!(with("vehicles = [[1]]\n").contains("key vehicles: found [1], expected"));
     assert_eq!(
@@ -277,7 +352,9 @@ fn bad_grids_and_shards_are_one_line_each() {
         "error: grid.toml: found 120000 points, expected at most 100000"
     );
     assert!(with("seed = [1\n").starts_with("error: grid.toml:"));
-    assert!(with("seed = [1, 2]\nvehicles = 4\nzip = [[\"seed\", \"vehicles\"]]\n").contains("key zip: found"));
+    assert!(
+        with("seed = [1, 2]\nvehicles = 4\nzip = [[\"seed\", \"vehicles\"]]\n").contains("key zip: found")
+    );
     assert!(with("zip = [[\"seed\", \"speed\"]]\n").contains("key zip: found \"speed\""));
     // What `run` refuses, with the point.
     assert_eq!(
@@ -287,11 +364,26 @@ fn bad_grids_and_shards_are_one_line_each() {
     );
     assert!(with("worlds = 0\n").contains("invalid value '0' for '--worlds"));
     assert!(with("policy = \"oracle\"\n").contains("invalid value 'oracle' for '--policy"));
-    assert_eq!(with("table = \"no.bin\"\n"), "error: no.bin: No such file or directory (os error 2)");
+    assert_eq!(
+        with("table = \"no.bin\"\n"),
+        "error: no.bin: No such file or directory (os error 2)"
+    );
     bench.write(SMALL);
-    assert!(bench.refusal("sweep", "out", &["--shard", "7/7"]).contains("found index 7, expected 0 to 6"));
-    assert!(bench.refusal("sweep", "out", &["--shard", "x"]).contains("expected i/N"));
-    assert!(bench.refusal("sweep", "out", &["--seeds", "3-1"]).contains("found \"3-1\""));
+    assert!(
+        bench
+            .refusal("sweep", "out", &["--shard", "7/7"])
+            .contains("found index 7, expected 0 to 6")
+    );
+    assert!(
+        bench
+            .refusal("sweep", "out", &["--shard", "x"])
+            .contains("expected i/N")
+    );
+    assert!(
+        bench
+            .refusal("sweep", "out", &["--seeds", "3-1"])
+            .contains("found \"3-1\"")
+    );
     assert!(!bench.path("out").exists());
 }
 
@@ -302,7 +394,10 @@ fn other_grids_and_damaged_results_are_named_never_merged() {
     bench.write(&SMALL.replace("slots = 30", "slots = 31"));
     for command in ["sweep", "merge"] {
         let message = bench.refusal(command, "out", &[]);
-        assert!(message.starts_with("error: out: found results of another grid ("), "{message}");
+        assert!(
+            message.starts_with("error: out: found results of another grid ("),
+            "{message}"
+        );
     }
     // The same grid in another order of lines is the same.
     bench.write(&SMALL.replace("\nworlds = 2\nslots = 30", "\nslots = 30\nworlds = 2"));
@@ -314,9 +409,20 @@ fn other_grids_and_damaged_results_are_named_never_merged() {
         std::fs::write(&file, bytes).unwrap();
         let messages = ["sweep", "merge"].map(|command| bench.refusal(command, "out", &["--json"]));
         assert_eq!(messages[0], messages[1]);
-        assert!(messages[0].starts_with("error: out/points/000/000005.json: found "), "{}", messages[0]);
-        assert!(messages[0].ends_with("expected a result with its checksum; delete the file and run its shard again"));
-        assert!(bench.refusal("merge", "out", &["--allow-missing"]).contains("000005.json"));
+        assert!(
+            messages[0].starts_with("error: out/points/000/000005.json: found "),
+            "{}",
+            messages[0]
+        );
+        assert!(
+            messages[0]
+                .ends_with("expected a result with its checksum; delete the file and run its shard again")
+        );
+        assert!(
+            bench
+                .refusal("merge", "out", &["--allow-missing"])
+                .contains("000005.json")
+        );
     };
     for position in [10, whole.len() / 2, whole.len() - 3] {
         let mut flipped = whole.clone();
