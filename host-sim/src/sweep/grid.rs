@@ -270,10 +270,10 @@ fn every_policy() -> Value {
 fn flatten(known: &[(String, Kind)], prefix: &str, table: Table, flat: &mut Table) {
     for (name, value) in table {
         let key = format!("{prefix}{name}");
-        let is_section = known.iter().all(|(known, _)| *known != key)
-            && known
-                .iter()
-                .any(|(known, _)| known.starts_with(&format!("{key}.")));
+        // `mobility` is a section and an option of run; only the section is a table.
+        let is_section = known
+            .iter()
+            .any(|(known, _)| known.starts_with(&format!("{key}.")));
         match value {
             Value::Table(section) if is_section => flatten(known, &format!("{key}."), section, flat),
             value => {
