@@ -8,9 +8,11 @@ pub mod hil;
 pub mod merge;
 pub mod options;
 pub mod run;
+pub mod scenario;
 pub mod sweep;
 
 use crate::error::Result;
+use crate::say;
 use clap::error::ErrorKind;
 use std::process::ExitCode;
 
@@ -41,6 +43,19 @@ pub fn one_line(error: &clap::Error) -> String {
         .filter(|line| !line.is_empty() && !line.starts_with("For more"))
         .collect();
     line.join(" ")
+}
+
+/// Prints a program's completion script for a shell.
+///
+/// # Errors
+/// None.
+pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -> Result<()> {
+    let mut command = P::command();
+    let name = command.get_name().to_owned();
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, name, &mut script);
+    say!("{}", String::from_utf8_lossy(&script).trim_end());
+    Ok(())
 }
 
 /// Ends a command: an error becomes one line on stderr and exit code 2.
