@@ -47,6 +47,7 @@ pub mod network;
 mod newton;
 mod path_based;
 pub mod path_flows;
+mod path_set;
 mod path_shift;
 mod problem;
 pub mod select_link;
