@@ -2,7 +2,7 @@
 //!
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
 //! [`radio`] -> [`age`]; [`cell`] holds the loop, [`simulation`] runs many worlds of it. What ages mean for the road:
-//! [`capacity`], [`traffic`] and [`assignment`]. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
+//! [`capacity`], [`traffic`] and [`assignment`]; [`closed_loop`] plans on the [`roads`] that vehicles report. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
 //! number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
 //! [`deadline`] says what that takes on the chip.
 
@@ -22,6 +22,7 @@ pub mod pack;
 pub mod policy;
 pub mod radio;
 pub mod report;
+pub mod roads;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;

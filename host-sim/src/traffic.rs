@@ -63,12 +63,7 @@ impl TrafficModel {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::MAX.slots()),
             },
-            // One thread: the worlds already keep all cores busy.
-            options: Options {
-                gap: RELATIVE_GAP,
-                threads: 1,
-                ..Options::default()
-            },
+            options: planning_options(),
         })
     }
 
@@ -156,6 +151,15 @@ impl TrafficModel {
             stale: mean_state(outcomes.iter().map(|outcome| outcome.stale)),
             informed: mean_state(outcomes.iter().map(|outcome| outcome.informed)),
         })
+    }
+}
+
+/// How plans are found: on one thread, because worlds already keep all cores busy.
+pub fn planning_options() -> Options {
+    Options {
+        gap: RELATIVE_GAP,
+        threads: 1,
+        ..Options::default()
     }
 }
 

@@ -20,6 +20,7 @@
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
 //!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
+//! * [`coordinates`]: where its nodes lie.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
@@ -34,6 +35,7 @@
 mod all_or_nothing;
 pub mod check;
 pub mod convergence;
+pub mod coordinates;
 mod csv_rows;
 mod csv_table;
 pub mod demand;

@@ -27,8 +27,8 @@ const SWEEPS_PER_ITERATION: usize = 20;
 /// Sweeps end when the largest excess cost has fallen to this share of the first sweep's.
 const SWEEP_REDUCTION: f64 = 0.01;
 
-/// Sweeps that leave more than this share of the first one's largest excess creep: a step on all pairs at once follows
-/// (chosen: of 0.03 to 0.5, those from 0.1 spare the large networks that do without, and all solve the random ones).
+/// Sweeps that leave more than this share of the first one's largest excess creep: where they do so twice in a row, a step
+/// on all pairs at once follows (chosen: of 0.03 to 0.5, those from 0.1 spare the large networks that do without, and all solve the random ones).
 const CREEPING: f64 = 0.2;
 
 /// Below this gap sweeps creep because costs differ by rounding alone, and a step on all pairs at once is work for nothing.
@@ -61,8 +61,9 @@ pub(crate) fn solve(
     if start.is_some() {
         // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
         state.update();
-        equilibrate(&mut blocks, &mut state, true);
+        equilibrate(&mut blocks, &mut state, false);
     }
+    let mut creeps = false;
     loop {
         sum_paths(&blocks, &mut state);
         problem.for_each(&mut blocks, |block| {
@@ -75,7 +76,7 @@ pub(crate) fn solve(
             return Ok((state.flows, path_flows.collect()));
         }
         problem.for_each(&mut blocks, Block::take_in_found);
-        equilibrate(&mut blocks, &mut state, gap > ROUNDING_GAP);
+        creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
     }
 }
 
@@ -200,11 +201,12 @@ impl Block<'_> {
 }
 
 /// Sweeps over all pairs until their excess costs have fallen well below those at the start, and makes path flows add up.
-/// Where `exact`, a step on all pairs at once helps sweeps that creep.
-fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool) {
+/// Where `exact`, a step on all pairs at once helps sweeps that creep. Returns whether they do.
+fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool) -> bool {
     let mut shift = Shift::new(state.flows.len());
     let mut first_excess = 0.0;
     let mut previous_excess = 0.0;
+    let mut creeps = false;
     for sweep in 1..=SWEEPS_PER_ITERATION {
         let extrapolated = sweep % EXTRAPOLATION_INTERVAL == 0 && sweep < SWEEPS_PER_ITERATION;
         let mut largest_excess = 0.0_f64;
@@ -232,7 +234,8 @@ fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool)
         if largest_excess <= SWEEP_REDUCTION * first_excess {
             break;
         }
-        if sweep == SWEEPS_PER_ITERATION && exact && largest_excess > CREEPING * first_excess {
+        creeps = sweep == SWEEPS_PER_ITERATION && largest_excess > CREEPING * first_excess;
+        if creeps && exact {
             let mut pairs: Vec<Pair<'_>> = choices(blocks).collect();
             newton::balance(&mut pairs, state);
         }
@@ -245,6 +248,7 @@ fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool)
         *pair.rest = 0;
         pair.settle();
     }
+    creeps
 }
 
 /// The pairs that know more than one path.

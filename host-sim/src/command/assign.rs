@@ -1,18 +1,18 @@
 //! `host-sim assign`: static traffic assignment on a TNTP, GMNS or SUMO network or on the urban grid.
 
 mod outputs;
-mod problem;
+pub(super) mod problem;
 
 use crate::assignment::check::{self, Evaluation};
 use crate::assignment::network::check_not_negative;
 use crate::assignment::{
-    Algorithm, Demand, IterationRecord, Network, Objective, Options, Solution, Stop, assign_from,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop, assign_from,
     assign_observed, path_flows,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// A solve that is shorter than this shows no progress bar (chosen).
@@ -75,8 +75,8 @@ pub struct AssignArguments {
     #[arg(long, value_name = "FILE.csv")]
     pub convergence: Option<PathBuf>,
     /// Threads; 0 takes one per core. The flows do not depend on it
-    #[arg(long, default_value_t = 0)]
-    pub threads: usize,
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    pub threads: u16,
     /// Accepted as by every sub-command, and without effect: the solver draws nothing at random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -86,6 +86,14 @@ pub struct AssignArguments {
 }
 
 impl AssignArguments {
+    /// What toll and distance cost.
+    fn weights(&self) -> CostWeights {
+        CostWeights {
+            toll: self.toll_weight,
+            distance: self.distance_weight,
+        }
+    }
+
     /// The gap to stop at: what each kind of method reaches without effort.
     fn gap(&self) -> f64 {
         self.gap.unwrap_or(if self.algorithm == Algorithm::PathBased {
@@ -105,7 +113,12 @@ impl AssignArguments {
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
     check_options(arguments)?;
-    let (network, demand) = problem::read(arguments)?;
+    let (network, demand) = if arguments.net == problem::GRID {
+        problem::grid()?
+    } else {
+        let trips = arguments.trips.as_deref();
+        problem::read(Path::new(&arguments.net), trips, arguments.weights())?
+    };
     match &arguments.check {
         Some(path) => judge(arguments, &network, &demand, path, start),
         None => solve(arguments, &network, &demand, start),
@@ -116,7 +129,28 @@ fn check_options(arguments: &AssignArguments) -> Result<()> {
     check_not_negative("--gap", arguments.gap())?;
     check_not_negative("--toll-weight", arguments.toll_weight)?;
     check_not_negative("--distance-weight", arguments.distance_weight)?;
+    if arguments.net == problem::GRID {
+        check_grid_options(arguments)?;
+    }
     outputs::check_options(arguments)
+}
+
+/// Refuses what the grid has no use for.
+fn check_grid_options(arguments: &AssignArguments) -> Result<()> {
+    if let Some(trips) = &arguments.trips {
+        let expected = "none with `--net grid`, which brings its own demand";
+        return Err(Error::input("--trips", trips.display(), expected));
+    }
+    for (name, weight) in [
+        ("--toll-weight", arguments.toll_weight),
+        ("--distance-weight", arguments.distance_weight),
+    ] {
+        if weight != 0.0 {
+            let expected = "none with `--net grid`, whose costs are times alone";
+            return Err(Error::input(name, weight, expected));
+        }
+    }
+    Ok(())
 }
 
 fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start: Instant) -> Result<()> {
@@ -125,7 +159,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         objective: arguments.objective,
         gap: arguments.gap(),
         max_iterations: arguments.max_iterations,
-        threads: arguments.threads,
+        threads: usize::from(arguments.threads),
     };
     let selection = outputs::Selection::new(arguments, network)?;
     let start_paths = match &arguments.warm {
