@@ -23,6 +23,7 @@ pub mod policy;
 pub mod radio;
 pub mod report;
 pub mod roads;
+pub mod revision;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;

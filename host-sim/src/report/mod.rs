@@ -6,8 +6,10 @@ pub mod chart;
 pub mod columns;
 pub mod csv;
 pub mod files;
+pub mod html;
 pub mod output;
 pub mod parquet;
+pub mod pages;
 pub mod text_table;
 pub mod traffic;
 
