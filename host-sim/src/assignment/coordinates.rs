@@ -134,11 +134,7 @@ impl<'n> Collected<'n> {
         let coordinate = |name: &str, text: &str| {
             let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
             number.ok_or_else(|| {
-                Error::input(
-                    format!("{place}: {name}"),
-                    format!("`{text}`"),
-                    "a finite number",
-                )
+                Error::input(format!("{place}: {name}"), format!("`{text}`"), "a finite number")
             })
         };
         let coordinates = (coordinate("X", x)?, coordinate("Y", y)?);

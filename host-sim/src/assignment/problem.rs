@@ -1,7 +1,7 @@
 //! What every algorithm is given: the problem as numbers, the worker threads, and the log of its progress.
 
 use super::demand::OriginDemand;
-use super::{Demand, IterationRecord, Network, Options, PathFlow, Solution, Stop, VolumeDelay};
+use super::{Algorithm, Demand, IterationRecord, Network, Options, PathFlow, Solution, Stop, VolumeDelay};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -14,6 +14,10 @@ const MOST_BLOCKS: usize = 32;
 
 /// Double precision gives no more when neither gap nor objective have improved for this many iterations.
 const STALLED_ITERATIONS: usize = 30;
+
+/// Where the Frank-Wolfe family takes so many iterations to bring the gap down by so small a share of it, it gets nowhere
+/// (chosen: a gap that falls like one over the number of iterations, as it should, comes to this after 10,000).
+const CRAWLING: (usize, f64) = (100, 0.01);
 
 /// Objectives that differ by less than this share are equal but for rounding.
 const OBJECTIVE_RESOLUTION: f64 = 1e-14;
@@ -144,6 +148,8 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
 pub(crate) struct Progress<'a> {
     gap: f64,
     max_iterations: usize,
+    /// Whether the method is one whose objective creeps on when its gap no longer falls.
+    may_crawl: bool,
     start: Instant,
     records: Vec<IterationRecord>,
     stopped: Stop,
@@ -155,6 +161,7 @@ impl<'a> Progress<'a> {
         Self {
             gap: options.gap,
             max_iterations: options.max_iterations,
+            may_crawl: options.algorithm != Algorithm::PathBased,
             start: Instant::now(),
             records: Vec::new(),
             stopped: Stop::Iterations,
@@ -177,7 +184,7 @@ impl<'a> Progress<'a> {
             Some(Stop::Gap)
         } else if record.iteration >= self.max_iterations {
             Some(Stop::Iterations)
-        } else if self.stalls_for(STALLED_ITERATIONS) {
+        } else if self.stalls_for(STALLED_ITERATIONS) || (self.may_crawl && self.crawls()) {
             Some(Stop::Stagnation)
         } else {
             None
@@ -202,6 +209,20 @@ impl<'a> Progress<'a> {
         let objective = |record: &IterationRecord| record.objective;
         best(recent, gap) >= best(before, gap)
             && best(recent, objective) >= best(before, objective) * (1.0 - OBJECTIVE_RESOLUTION)
+    }
+
+    /// Whether the gap has all but stopped falling, even though the objective creeps on.
+    fn crawls(&self) -> bool {
+        let (iterations, share) = CRAWLING;
+        let Some(before) = self.records.len().checked_sub(iterations) else {
+            return false;
+        };
+        let (before, recent) = self.records.split_at(before);
+        let best = |records: &[IterationRecord]| {
+            let gaps = records.iter().map(|record| record.relative_gap);
+            gaps.fold(f64::INFINITY, f64::min)
+        };
+        best(recent) > (1.0 - share) * best(before)
     }
 
     /// The finished solution: `link_flows` are those of the last record.

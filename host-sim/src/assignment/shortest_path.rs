@@ -99,7 +99,11 @@ impl ShortestPathTree {
 
     /// Keeps the tree for the next search, in the order of the nodes.
     fn remember_tree(&self, order: &mut SearchOrder) {
-        let entering = order.nodes.iter().skip(1).map(|&node| self.entering_link[node as usize]);
+        let entering = order
+            .nodes
+            .iter()
+            .skip(1)
+            .map(|&node| self.entering_link[node as usize]);
         order.entering_links.clear();
         order.entering_links.extend(entering);
     }

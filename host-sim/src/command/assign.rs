@@ -1,13 +1,14 @@
 //! `host-sim assign`: static traffic assignment on a TNTP, GMNS or SUMO network or on the urban grid.
 
+mod flow_files;
 mod outputs;
 pub(super) mod problem;
 
 use crate::assignment::check::{self, Evaluation};
 use crate::assignment::network::check_not_negative;
 use crate::assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop, assign_from,
-    assign_observed, path_flows,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop,
+    assign_from, assign_observed, path_flows,
 };
 use crate::error::{Error, Result};
 use crate::say;
@@ -32,7 +33,7 @@ pub struct AssignArguments {
     /// counts one per hour); none with `grid`, which brings one vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
-    /// Solve nothing: judge the flows of this CSV (init_node,term_node,volume,cost; one row per link in file order)
+    /// Solve nothing: judge the flows of this CSV or Parquet file (init_node,term_node,volume,cost; one row per link in file order)
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
     /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
@@ -53,8 +54,9 @@ pub struct AssignArguments {
     /// Cost of a unit of length, in units of free-flow time
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub distance_weight: f64,
-    /// Write the link flows to this CSV (init_node,term_node,volume,cost; one row per link in file order)
-    #[arg(long, value_name = "FILE.csv")]
+    /// Write the link flows to this file, CSV or by its name Parquet (init_node,term_node,volume,cost; one row per link in
+    /// file order)
+    #[arg(long, value_name = "FILE.csv|FILE.parquet")]
     pub flows: Option<PathBuf>,
     /// Write the path flows to this CSV (origin,destination,volume,cost,links; links by number in file order)
     #[arg(long, value_name = "FILE.csv")]
@@ -68,6 +70,9 @@ pub struct AssignArguments {
     /// Link from one node to another whose trips --selected shall list (repeatable)
     #[arg(long, value_name = "FROM,TO")]
     pub select_link: Vec<String>,
+    /// Write network and trips as GMNS into this folder: node.csv, link.csv, demand.csv
+    #[arg(long, value_name = "DIR")]
+    pub gmns: Option<PathBuf>,
     /// Write which pairs of zones use the links of --select-link, and how much of each, to this CSV
     #[arg(long, value_name = "FILE.csv")]
     pub selected: Option<PathBuf>,
@@ -181,7 +186,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     if let Some(progress) = progress {
         progress.finish();
     }
-    outputs::write(arguments, network, &selection, &solution)?;
+    outputs::write(arguments, (network, demand), &selection, &solution)?;
     if !solution.converged {
         let why = match solution.stopped {
             Stop::Stagnation => "stagnated, as far as this method and double precision go",
@@ -217,7 +222,7 @@ fn judge(
     path: &std::path::Path,
     start: Instant,
 ) -> Result<()> {
-    let link_flows = check::read_flows(path, network)?;
+    let link_flows = flow_files::read(path, network)?;
     let check_start = Instant::now();
     let evaluation = check::evaluate(network, demand, arguments.objective, &link_flows)?;
     let seconds = check_start.elapsed().as_secs_f64();

@@ -260,6 +260,9 @@ impl PreparedRun {
                     mobility.blocks_x, mobility.blocks_y
                 )
             }
+            MobilitySource::Streets(map) => {
+                format!("network of {} roads", map.network().links().len())
+            }
             MobilitySource::Trace(trace) => {
                 format!("SUMO floating-car data of {} vehicles", trace.vehicle_ids().len())
             }

@@ -149,7 +149,11 @@ impl StreetMap {
 
     /// A trip among those from `begin` to before `end`, in proportion to their flows; none where none can be driven.
     fn draw(&self, begin: usize, end: usize, stream: &mut Stream) -> Option<usize> {
-        let before = |index: usize| index.checked_sub(1).map_or(0.0, |index| self.cumulative_volume[index]);
+        let before = |index: usize| {
+            index
+                .checked_sub(1)
+                .map_or(0.0, |index| self.cumulative_volume[index])
+        };
         let (low, high) = (before(begin), before(end));
         if high <= low {
             return None;

@@ -7,9 +7,10 @@ pub mod columns;
 pub mod csv;
 pub mod files;
 pub mod html;
+pub mod measured_traffic;
 pub mod output;
-pub mod parquet;
 pub mod pages;
+pub mod parquet;
 pub mod text_table;
 pub mod traffic;
 
