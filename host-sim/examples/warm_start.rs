@@ -1,5 +1,5 @@
 //! How much faster an assignment is that starts from the one before an incident: every link loses up to a tenth of its
-//! capacity, at random, and the new equilibrium is found both from nothing and from the old paths.
+//! capacity, at random, and the new equilibrium is found both from nothing and from where the old solve ended.
 //!
 //! ```console
 //! $ cargo run --release -p host-sim --example warm_start -- NET.tntp TRIPS.tntp [TOLL_WEIGHT DISTANCE_WEIGHT]
@@ -7,7 +7,7 @@
 //!
 //! Times are CPU seconds of one thread; cold and warm solves alternate, so that both meet the same machine.
 
-use host_sim::assignment::{CostWeights, Options, PathFlow, Solution, assign, assign_from, tntp};
+use host_sim::assignment::{Assigner, CostWeights, Network, Options, Solution, tntp};
 use host_sim::error::{Error, Result};
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
 use rustix::time::{ClockId, clock_gettime};
@@ -55,7 +55,9 @@ fn run(arguments: &[String]) -> Result<()> {
         threads: 1,
         ..Options::default()
     };
-    let before: Vec<PathFlow> = assign(&network, &demand, &options)?.path_flows;
+    let unsolved = Assigner::new(demand, options)?;
+    let mut before = unsolved.clone();
+    before.assign(&network)?;
     let (mut cold_times, mut warm_times, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
     for cut in 0..CUTS {
         let mut stream = cut_stream(cut);
@@ -67,8 +69,8 @@ fn run(arguments: &[String]) -> Result<()> {
             .map(|(link, left)| link.capacity * left)
             .collect();
         let after = network.with_capacities(&capacities)?;
-        let from_nothing = || timed(|| assign(&after, &demand, &options));
-        let from_before = || timed(|| assign_from(&after, &demand, &options, &before, &mut |_| {}));
+        let from_nothing = || timed(&unsolved, &after);
+        let from_before = || timed(&before, &after);
         let ((mut cold_time, cold), (mut warm_time, warm)) = (from_nothing()?, from_before()?);
         for _ in 1..REPEATS {
             cold_time = cold_time.min(from_nothing()?.0);
@@ -117,10 +119,11 @@ fn cut_stream(cut: u64) -> Stream {
     key.stream(Role::Incidents, 0)
 }
 
-/// CPU seconds that a solve takes, with its result.
-fn timed(solve: impl FnOnce() -> Result<Solution>) -> Result<(f64, Solution)> {
+/// CPU seconds that a solve takes from where `start` ended, with its result.
+fn timed(start: &Assigner, network: &Network) -> Result<(f64, Solution)> {
+    let mut assigner = start.clone();
     let before = cpu_seconds();
-    let solution = solve()?;
+    let solution = assigner.assign(network)?;
     Ok((cpu_seconds() - before, solution))
 }
 

@@ -1,6 +1,6 @@
 //! The roads that the closed loop plans on: those of the scenario's grid, or of a loaded network.
 
-use crate::assignment::{Demand, Network, Options, PathFlow, assign, assign_from};
+use crate::assignment::{Assigner, Demand, Network};
 use crate::error::{Error, Result};
 use crate::mobility::{Mobility, MobilitySource, Place, StreetMap};
 use crate::scenario::Scenario;
@@ -9,12 +9,11 @@ use crate::traffic::{TrafficModel, planning_options};
 /// Roads, by the blocks that reports are about: both directions between two nodes are one block.
 pub struct Roads<'s> {
     place: RoadPlace<'s>,
-    options: Options,
     /// Index of the block of every road.
     blocks: Vec<usize>,
     block_count: usize,
-    /// Paths of the equilibrium at full capacity, from which every plan starts.
-    start: Vec<PathFlow>,
+    /// Has planned at full capacity; every plan starts from there.
+    planner: Assigner,
 }
 
 enum RoadPlace<'s> {
@@ -22,20 +21,24 @@ enum RoadPlace<'s> {
     Streets(&'s StreetMap),
 }
 
+impl RoadPlace<'_> {
+    fn problem(&self) -> (&Network, &Demand) {
+        match self {
+            Self::Grid(model) => (model.network(), model.demand()),
+            Self::Streets(map) => (map.network(), map.demand()),
+        }
+    }
+}
+
 impl<'s> Roads<'s> {
     /// The roads that a source's vehicles drive on.
     ///
     /// # Errors
-    /// [`Error::Input`] for a trace, whose roads are not known; what [`assign`] refuses.
+    /// [`Error::Input`] for a trace, whose roads are not known; what [`Assigner::assign`] refuses.
     pub fn new(scenario: &Scenario, source: &'s MobilitySource) -> Result<Self> {
-        let options = planning_options();
-        let (place, start) = match source {
-            MobilitySource::Grid => {
-                let model = Box::new(TrafficModel::new(scenario)?);
-                let start = assign(model.network(), model.demand(), &options)?.path_flows;
-                (RoadPlace::Grid(model), start)
-            }
-            MobilitySource::Streets(map) => (RoadPlace::Streets(map), map.trips().to_vec()),
+        let place = match source {
+            MobilitySource::Grid => RoadPlace::Grid(Box::new(TrafficModel::new(scenario)?)),
+            MobilitySource::Streets(map) => RoadPlace::Streets(map),
             MobilitySource::Trace(_) => {
                 return Err(Error::input(
                     "--mobility",
@@ -44,31 +47,26 @@ impl<'s> Roads<'s> {
                 ));
             }
         };
-        let mut roads = Self {
+        let (network, demand) = place.problem();
+        let (blocks, block_count) = pair_directions(network);
+        let mut planner = Assigner::new(demand.clone(), planning_options())?;
+        planner.assign(network)?;
+        Ok(Self {
             place,
-            options,
-            blocks: Vec::new(),
-            block_count: 0,
-            start,
-        };
-        (roads.blocks, roads.block_count) = pair_directions(roads.network());
-        Ok(roads)
+            blocks,
+            block_count,
+            planner,
+        })
     }
 
     /// The roads at full capacity.
     pub fn network(&self) -> &Network {
-        match &self.place {
-            RoadPlace::Grid(model) => model.network(),
-            RoadPlace::Streets(map) => map.network(),
-        }
+        self.place.problem().0
     }
 
     /// The demand for trips.
     pub fn demand(&self) -> &Demand {
-        match &self.place {
-            RoadPlace::Grid(model) => model.demand(),
-            RoadPlace::Streets(map) => map.demand(),
-        }
+        self.planner.demand()
     }
 
     /// Seconds for each unit of the roads' travel times.
@@ -104,10 +102,10 @@ impl<'s> Roads<'s> {
     /// Equilibrium flows on a network of these roads with other capacities.
     ///
     /// # Errors
-    /// As [`assign_from`].
+    /// As [`Assigner::assign`].
     pub fn plan(&self, network: &Network) -> Result<Vec<f64>> {
-        let solution = assign_from(network, self.demand(), &self.options, &self.start, &mut |_| {})?;
-        Ok(solution.link_flows)
+        // A copy, so that no plan depends on which others were made before it.
+        Ok(self.planner.clone().assign(network)?.link_flows)
     }
 }
 

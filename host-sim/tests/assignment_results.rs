@@ -383,3 +383,58 @@ fn the_command_refuses_results_that_do_not_exist() {
         assert_eq!(assign_command(arguments).unwrap_err().to_string(), message);
     }
 }
+
+#[test]
+fn flows_go_through_parquet_and_networks_through_gmns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let tntp = ["--net", net.to_str().unwrap(), "--trips", trips.to_str().unwrap()];
+    let (flows, csv, gmns) = (path("flows.parquet"), path("flows.csv"), path("gmns"));
+    assign_command(&[&tntp[..], &["--flows", &flows, "--gmns", &gmns, "--json"]].concat()).unwrap();
+    let bytes = std::fs::read(&flows).unwrap();
+    assert!(bytes.starts_with(b"PAR1"));
+    assign_command(&[&tntp[..], &["--check", &flows, "--json"]].concat()).unwrap();
+    let demand = path("gmns/demand.csv");
+    let written = ["--net", &gmns, "--trips", &demand, "--flows", &csv, "--json"];
+    assign_command(&written).unwrap();
+    // The same problem, so the same flows, bit by bit.
+    let again = path("again.parquet");
+    assign_command(&["--net", &gmns, "--trips", &demand, "--flows", &again, "--json"]).unwrap();
+    assert_eq!(bytes, std::fs::read(&again).unwrap());
+    // A file that only calls itself Parquet.
+    std::fs::rename(&csv, path("text.parquet")).unwrap();
+    let text = path("text.parquet");
+    let message = assign_command(&[&tntp[..], &["--check", &text]].concat())
+        .unwrap_err()
+        .to_string();
+    assert!(message.ends_with("expected a Parquet file"), "{message}");
+}
+
+#[test]
+fn the_frank_wolfe_family_stops_where_it_gets_nowhere() {
+    let (network, demand) = read("SiouxFalls");
+    for algorithm in [
+        Algorithm::FrankWolfe,
+        Algorithm::ConjugateFrankWolfe,
+        Algorithm::BiconjugateFrankWolfe,
+    ] {
+        let options = Options {
+            algorithm,
+            max_iterations: 200_000,
+            ..options(0.0)
+        };
+        let solution = assign(&network, &demand, &options).unwrap();
+        assert_eq!(solution.stopped, Stop::Stagnation, "{algorithm:?}");
+        assert!(
+            solution.iterations < 20_000,
+            "{algorithm:?}: {}",
+            solution.iterations
+        );
+        assert!(
+            solution.relative_gap < 1e-4,
+            "{algorithm:?}: {}",
+            solution.relative_gap
+        );
+    }
+}

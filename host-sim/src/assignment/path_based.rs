@@ -7,7 +7,7 @@
 //! from the paths, so that rounding does not pile up.
 
 use super::all_or_nothing::unreachable_pair;
-use super::demand::OriginDemand;
+use super::demand::Demand;
 use super::line_search::exact_step;
 use super::newton;
 use super::path_flows::{PathFlow, WarmStart};
@@ -16,6 +16,7 @@ use super::path_shift::{LinkState, Shift};
 use super::problem::{Problem, Progress, dot, relative_gap};
 use super::shortest_path::{SearchOrder, ShortestPathTree};
 use crate::error::Result;
+use std::ops::Range;
 
 /// A new path must be cheaper than the known ones by more than this share: sums in another order differ by as much.
 const PATH_COST_TOLERANCE: f64 = 1e-14;
@@ -50,15 +51,35 @@ const LARGEST_EXTRAPOLATION: f64 = 1e4;
 /// (chosen: of 1e-8 to 1e-12 it needs the fewest iterations on random networks).
 const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
 
-/// Link and path flows of the last record of `progress`.
+/// Where a solve begins.
+pub(crate) enum Start<'s> {
+    /// At cheapest paths.
+    Nothing,
+    /// At known paths, of whatever origin.
+    Paths(WarmStart<'s>),
+    /// Where the last solve ended, for the same demand on the same links.
+    End(Vec<Block>),
+}
+
+/// Link flows of the last record of `progress`, and the paths that make them up.
 pub(crate) fn solve(
     problem: &Problem<'_>,
-    start: Option<&WarmStart<'_>>,
+    start: Start<'_>,
     progress: &mut Progress<'_>,
-) -> Result<(Vec<f64>, Vec<PathFlow>)> {
+) -> Result<(Vec<f64>, Vec<Block>)> {
     let mut state = LinkState::new(problem);
-    let mut blocks = initial_loading(problem, start, &mut state)?;
-    if start.is_some() {
+    let is_warm = !matches!(start, Start::Nothing);
+    let mut blocks = match start {
+        Start::Nothing => initial_loading(problem, None, &mut state)?,
+        Start::Paths(start) => initial_loading(problem, Some(&start), &mut state)?,
+        Start::End(mut blocks) => {
+            // The last search may have found paths that were not worth while then.
+            problem.for_each(&mut blocks, |block| block.take_in_found(problem));
+            sum_paths(&blocks, &mut state);
+            blocks
+        }
+    };
+    if is_warm {
         // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
         state.update();
         equilibrate(&mut blocks, &mut state, false);
@@ -72,16 +93,21 @@ pub(crate) fn solve(
         let shortest_path_cost = blocks.iter().map(|block| block.shortest_path_cost).sum();
         let gap = relative_gap(dot(&state.flows, &state.costs), shortest_path_cost);
         if progress.record(gap, problem.objective(&state.flows)) {
-            let path_flows = blocks.iter().flat_map(Block::path_flows);
-            return Ok((state.flows, path_flows.collect()));
+            return Ok((state.flows, blocks));
         }
-        problem.for_each(&mut blocks, Block::take_in_found);
+        problem.for_each(&mut blocks, |block| block.take_in_found(problem));
         creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
     }
 }
 
+/// The paths that carry anything, as a result.
+pub(crate) fn path_flows(demand: &Demand, blocks: &[Block]) -> Vec<PathFlow> {
+    let path_flows = blocks.iter().flat_map(|block| block.path_flows(demand));
+    path_flows.collect()
+}
+
 /// Link flows as the sum of path flows, and their costs.
-fn sum_paths(blocks: &[Block<'_>], state: &mut LinkState<'_>) {
+fn sum_paths(blocks: &[Block], state: &mut LinkState<'_>) {
     state.flows.fill(0.0);
     for block in blocks {
         block.paths.load(&mut state.flows);
@@ -90,8 +116,10 @@ fn sum_paths(blocks: &[Block<'_>], state: &mut LinkState<'_>) {
 }
 
 /// Some origins with the paths of all their pairs.
-struct Block<'a> {
-    origins: &'a [OriginDemand],
+#[derive(Clone)]
+pub(crate) struct Block {
+    /// Indices into the demand's origins.
+    origins: Range<usize>,
     paths: PathSet,
     tree: ShortestPathTree,
     /// Per origin, how the last search went.
@@ -101,16 +129,17 @@ struct Block<'a> {
 
 /// Loads one origin after the other on its cheapest paths, each at the costs that the previous ones leave; pairs that a
 /// warm start knows take its paths in its shares.
-fn initial_loading<'a>(
-    problem: &Problem<'a>,
+fn initial_loading(
+    problem: &Problem<'_>,
     start: Option<&WarmStart<'_>>,
     state: &mut LinkState<'_>,
-) -> Result<Vec<Block<'a>>> {
+) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
     let mut links = Vec::new();
+    let mut next = 0;
     for origins in problem.origin_blocks() {
         let mut block = Block {
-            origins,
+            origins: next..next + origins.len(),
             paths: PathSet::with_capacity(origins.iter().map(|from| from.destinations.len()).sum()),
             tree: ShortestPathTree::new(problem.network),
             orders: vec![SearchOrder::default(); origins.len()],
@@ -144,19 +173,21 @@ fn initial_loading<'a>(
                 block.paths.end_pair(volume);
             }
         }
+        next = block.origins.end;
         blocks.push(block);
     }
     Ok(blocks)
 }
 
-impl Block<'_> {
+impl Block {
     /// Notes the cheapest path of each pair where it is cheaper than all known ones; sums up what all trips would cost on
     /// the cheapest paths.
     fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         let mut links = Vec::new();
         self.shortest_path_cost = 0.0;
         let mut pair = 0;
-        for (from, order) in self.origins.iter().zip(&mut self.orders) {
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        for (from, order) in origins.iter().zip(&mut self.orders) {
             self.tree.search(problem.network, link_costs, from.origin, order);
             for &(destination, volume) in &from.destinations {
                 let cost = self.tree.cost_to(destination);
@@ -178,14 +209,15 @@ impl Block<'_> {
     }
 
     /// Gives the pairs the paths that were noted.
-    fn take_in_found(&mut self) {
-        let destinations = self.origins.iter().flat_map(|from| &from.destinations);
+    fn take_in_found(&mut self, problem: &Problem<'_>) {
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        let destinations = origins.iter().flat_map(|from| &from.destinations);
         self.paths.take_in(destinations.map(|&(_, volume)| volume));
     }
 
     /// The paths that carry anything, as a result.
-    fn path_flows(&self) -> impl Iterator<Item = PathFlow> {
-        let ends = self.origins.iter().flat_map(|from| {
+    fn path_flows(&self, demand: &Demand) -> impl Iterator<Item = PathFlow> {
+        let ends = demand.origins()[self.origins.clone()].iter().flat_map(|from| {
             let destinations = from.destinations.iter();
             destinations.map(|&(destination, _)| (from.origin, destination))
         });
@@ -202,7 +234,7 @@ impl Block<'_> {
 
 /// Sweeps over all pairs until their excess costs have fallen well below those at the start, and makes path flows add up.
 /// Where `exact`, a step on all pairs at once helps sweeps that creep. Returns whether they do.
-fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool) -> bool {
+fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> bool {
     let mut shift = Shift::new(state.flows.len());
     let mut first_excess = 0.0;
     let mut previous_excess = 0.0;
@@ -252,7 +284,7 @@ fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool)
 }
 
 /// The pairs that know more than one path.
-fn choices<'b>(blocks: &'b mut [Block<'_>]) -> impl Iterator<Item = Pair<'b>> {
+fn choices<'b>(blocks: &'b mut [Block]) -> impl Iterator<Item = Pair<'b>> {
     blocks.iter_mut().flat_map(|block| block.paths.choices())
 }
 
@@ -260,7 +292,7 @@ fn choices<'b>(blocks: &'b mut [Block<'_>]) -> impl Iterator<Item = Pair<'b>> {
 ///
 /// Sweeps creep where pairs block each other, as when one may leave a steep link only as fast as another joins it; their
 /// changes then all but repeat, and many are worth one long step.
-fn extrapolate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
+fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
     let mut direction = vec![0.0; state.flows.len()];
     let mut largest_step = LARGEST_EXTRAPOLATION;
     let mut largest_change = 0.0_f64;

@@ -26,6 +26,7 @@ impl Path {
 }
 
 /// A pair that knows more than one path.
+#[derive(Clone)]
 struct Choice {
     demand: f64,
     /// Sweeps that pass it by, because its paths cost all but the same.
@@ -55,7 +56,7 @@ impl Pair<'_> {
 }
 
 /// The paths of the pairs of a block, by ascending origin and destination.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct PathSet {
     links: Vec<u32>,
     paths: Vec<Path>,

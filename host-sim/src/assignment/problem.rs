@@ -15,9 +15,12 @@ const MOST_BLOCKS: usize = 32;
 /// Double precision gives no more when neither gap nor objective have improved for this many iterations.
 const STALLED_ITERATIONS: usize = 30;
 
-/// Where the Frank-Wolfe family takes so many iterations to bring the gap down by so small a share of it, it gets nowhere
-/// (chosen: a gap that falls like one over the number of iterations, as it should, comes to this after 10,000).
-const CRAWLING: (usize, f64) = (100, 0.01);
+/// Where the Frank-Wolfe family gains less than [`CRAWLING_GAIN`] of the gap in half of all its iterations and so many
+/// more, it gets nowhere (chosen: bi-conjugate Frank-Wolfe on Sioux Falls pauses for 700 iterations at a gap of 1e-6).
+const CRAWLING_ITERATIONS: usize = 300;
+
+/// See [`CRAWLING_ITERATIONS`]. A gap that falls like one over the number of iterations, as it should, halves.
+const CRAWLING_GAIN: f64 = 0.01;
 
 /// Objectives that differ by less than this share are equal but for rounding.
 const OBJECTIVE_RESOLUTION: f64 = 1e-14;
@@ -213,8 +216,7 @@ impl<'a> Progress<'a> {
 
     /// Whether the gap has all but stopped falling, even though the objective creeps on.
     fn crawls(&self) -> bool {
-        let (iterations, share) = CRAWLING;
-        let Some(before) = self.records.len().checked_sub(iterations) else {
+        let Some(before) = (self.records.len() / 2).checked_sub(CRAWLING_ITERATIONS) else {
             return false;
         };
         let (before, recent) = self.records.split_at(before);
@@ -222,7 +224,7 @@ impl<'a> Progress<'a> {
             let gaps = records.iter().map(|record| record.relative_gap);
             gaps.fold(f64::INFINITY, f64::min)
         };
-        best(recent) > (1.0 - share) * best(before)
+        best(recent) > (1.0 - CRAWLING_GAIN) * best(before)
     }
 
     /// The finished solution: `link_flows` are those of the last record.
