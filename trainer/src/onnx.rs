@@ -227,3 +227,35 @@ fn matrix(name: &str, columns: usize) -> ValueInfo {
         }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Layer;
+
+    /// onnxruntime ran this model to the right numbers (`tests/check_exports.py` runs a whole run's).
+    #[test]
+    fn models_have_the_bytes_that_onnxruntime_runs() {
+        let layer = |inputs, outputs, weights: &[f32], biases: &[f32]| Layer {
+            inputs,
+            outputs,
+            weights: weights.to_vec(),
+            biases: biases.to_vec(),
+        };
+        let network = Network {
+            layers: vec![
+                layer(2, 1, &[1.0, -2.0], &[0.5]),
+                layer(1, 2, &[3.0, 4.0], &[0.0, -1.0]),
+            ],
+        };
+        let hexadecimal = |form| -> String {
+            let bytes = model(&network, form);
+            bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+        };
+        assert_eq!(hexadecimal(OutputForm::Actions), "GOLDEN-ACTIONS");
+        assert_eq!(
+            hexadecimal(OutputForm::SubChannelAndPower { noise: 0.1 }),
+            "GOLDEN-TANH"
+        );
+    }
+}
