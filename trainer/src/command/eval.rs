@@ -8,6 +8,7 @@ use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::{parse_table, table_bytes, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
+use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
 use host_sim::report::{PolicyResult, ages};
@@ -70,7 +71,9 @@ pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<Ag
         PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
     }
     check_vehicles(simulation, tables.len())?;
-    let build = |key: &_| -> Box<dyn Policy + '_> { Box::new(OwnTables::new(tables, *key)) };
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(OwnTables::new(tables, environment))
+    };
     Ok(simulation.run(build, |_| ())?.0)
 }
 
@@ -86,7 +89,7 @@ pub fn float(
 ) -> Result<(AgeSummary, Option<f64>)> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |_: &_| -> Box<dyn Policy + '_> {
+    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
         Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
     };
     let (ages, _) = simulation.run(build, |_| ())?;
@@ -100,8 +103,8 @@ pub fn float(
 pub fn exploring(simulation: &Simulation<'_>, actors: &Actors, setting: Setting) -> Result<AgeSummary> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |key: &_| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::exploring(actors, setting, key, &agreement))
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
     };
     Ok(simulation.run(build, |_| ())?.0)
 }
