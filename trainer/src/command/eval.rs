@@ -351,3 +351,67 @@ fn check_widths(folder: &RunFolder, actors: &Actors, table: &Table<'_>) -> Resul
         format!("{expected:?} as in the table"),
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::configuration::{ConfigurationSource, Preset};
+    use host_sim::mobility::MobilitySource;
+    use host_sim::simulation::Extent;
+
+    /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
+    #[test]
+    fn own_actors_that_are_equal_are_one_shared_actor() {
+        let source = ConfigurationSource {
+            preset: Preset::Evolution,
+            file: None,
+            settings: vec!["scenario.cell.vehicles=3".to_owned()],
+        };
+        let identity = RunIdentity::new(1, source.read().unwrap());
+        let mut learner = identity.configuration.learner(1).unwrap();
+        let _metrics = learner.advance();
+        let shared = learner.actors();
+        let own = Actors {
+            networks: vec![shared.networks[0].clone(); 3],
+            ..shared.clone()
+        };
+        let simulation = Simulation {
+            scenario: &identity.configuration.scenario,
+            source: &MobilitySource::Grid,
+            extent: Extent {
+                seed: 1,
+                worlds: 3,
+                slots: 200,
+                warmup: 20,
+            },
+        };
+        let setting = setting(simulation.scenario);
+        let bytes = actor_tables(&identity, &shared).unwrap().remove(0);
+        let table = parse_table(None, &bytes).unwrap();
+        let tables = vec![table.clone(); 3];
+        let ages = [
+            quantised(&simulation, &[table]).unwrap(),
+            quantised(&simulation, &tables).unwrap(),
+        ];
+        assert_eq!(ages[0].mean_ms, ages[1].mean_ms);
+        let (alone, _) = float(&simulation, &shared, setting, &[]).unwrap();
+        let (each, agreement) = float(&simulation, &own, setting, &tables).unwrap();
+        assert_eq!(alone.mean_ms, each.mean_ms);
+        assert!(agreement.unwrap() > 0.9);
+        let ages = [&shared, &own].map(|actors| exploring(&simulation, actors, setting).unwrap().mean_ms);
+        assert_eq!(ages[0], ages[1]);
+        assert_ne!(ages[0], alone.mean_ms);
+        // Each own table is calibrated on what its vehicle sees.
+        assert_eq!(actor_tables(&identity, &own).unwrap().len(), 3);
+
+        let fewer = Actors {
+            networks: own.networks[..2].to_vec(),
+            ..own
+        };
+        let message = float(&simulation, &fewer, setting, &[]).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "vehicles: found 3, expected at most 2, each with an actor of its own"
+        );
+    }
+}
