@@ -4,7 +4,7 @@
 //! `paper.toml` says what each key means and where it comes from, [`KEYS`] its unit and range.
 
 mod keys;
-mod layers;
+pub mod layers;
 
 use crate::error::{Error, Result};
 use firmware::units::Level;
@@ -161,7 +161,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The first key, as `section.key`, that is out of its range.
-    fn check(&self, values: &toml::Table) -> Result<()> {
+    pub fn check(&self, values: &toml::Table) -> Result<()> {
         KEYS.iter().try_for_each(|key| key.check(values))?;
         let Self {
             mobility, traffic, ..
