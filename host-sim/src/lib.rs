@@ -18,6 +18,7 @@ pub mod base_station;
 pub mod capacity;
 pub mod cell;
 pub mod channel;
+pub mod churn;
 pub mod closed_loop;
 pub mod command;
 pub mod deadline;

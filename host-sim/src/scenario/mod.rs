@@ -35,6 +35,7 @@ pub struct Scenario {
 #[allow(missing_docs, reason = "the presets document every key")]
 pub struct CellScenario {
     pub vehicles: u32,
+    pub replacement_probability: f64,
     pub base_station_x_m: f64,
     pub base_station_y_m: f64,
     pub base_station_height_m: f64,
