@@ -232,7 +232,12 @@ mod tests {
 
     const REQUIRED: Level = Level::lit("8.45");
 
-    /// Compares a row of observations, all at home on sub-channel 0.
+    /// A level that is not below noise, made of any.
+    fn interference(level: i32) -> Level {
+        Level::from_bits(level.abs().min(i32::from(i16::MAX)) as i16)
+    }
+
+    /// Compares a row of observations of age, period, code of the joiner probability and gains, all at home on sub-channel 0.
     fn compare(encoder: &Encoder, rows: &[(u8, u8, u8, [i32; SUB_CHANNELS])]) {
         let nothing = [0; LANES];
         let mut view = View {
@@ -254,7 +259,7 @@ mod tests {
             };
             for (k, level) in levels.into_iter().enumerate() {
                 view.gain[k][lane] = level;
-                view.interference[k][lane] = -level - 1;
+                view.interference[k][lane] = i32::from(interference(level).to_bits());
             }
             view.age[lane] = i32::from(age);
             view.turn_lost_after[lane] = i32::from(firmware::observation::turn_lost_after(broadcast.period));
@@ -265,7 +270,7 @@ mod tests {
             let measurement = Measurement::new(
                 slot,
                 levels.map(|level| Level::from_bits(level as i16)),
-                levels.map(|level| Level::from_bits((-level - 1) as i16)),
+                levels.map(interference),
                 Some(SlotIndex(slot.0 - u32::from(age))),
                 broadcast,
             );
