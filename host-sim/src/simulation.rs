@@ -101,7 +101,9 @@ impl Simulation<'_> {
     pub fn bound_age_ms(&self) -> f64 {
         let sub_channels = self.scenario.radio.sub_channels;
         match self.source {
-            MobilitySource::Grid => ideal_age_ms(self.scenario.cell.vehicles, sub_channels),
+            MobilitySource::Grid | MobilitySource::Streets(_) => {
+                ideal_age_ms(self.scenario.cell.vehicles, sub_channels)
+            }
             MobilitySource::Trace(trace) => {
                 let (mut sum, mut count) = (0.0, 0.0);
                 let mut cursor = trace.cursor();
@@ -144,7 +146,11 @@ pub fn run_worlds(
         );
         after_slot(environment);
     }
-    ages.worlds()
+    let mut ages = ages.worlds();
+    for (world, ages) in ages.iter_mut().enumerate() {
+        ages.joiner_waits = environment.joiner_waits(world, extent.warmup);
+    }
+    ages
 }
 
 /// Lets everybody decide once, and steps.

@@ -4,7 +4,7 @@ use crate::command::options::{ScenarioArguments, parse_table, progress_bar, tabl
 use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::report::{PolicyResult, ages, files, pages, traffic};
+use crate::report::{PolicyResult, ages, cell_figures, files, pages, traffic};
 use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
@@ -106,7 +106,7 @@ impl RunOptions {
             .scenario
             .read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
         let (worlds, slots) = match &source {
-            MobilitySource::Grid => (256, 2000),
+            MobilitySource::Grid | MobilitySource::Streets(_) => (256, 2000),
             MobilitySource::Trace(trace) => (8, trace.duration_slots().saturating_sub(self.warmup)),
         };
         let extent = Extent {
@@ -244,6 +244,9 @@ impl PreparedRun {
             "p99_age_ms": ages.p99_ms,
             "first100_age_ms": ages.first100_ms,
             "success_per_slot": ages.success_per_slot,
+            "joiners": ages.joiners.map(|joiners| joiners.count),
+            "joiner_first_success_median_slots": ages.joiners.and_then(|joiners| joiners.median_slots),
+            "joiner_first_success_p90_slots": ages.joiners.and_then(|joiners| joiners.p90_slots),
             "slots_per_second": slots_per_second,
             "traffic": traffic.as_ref().map(traffic::to_json),
             "per_vehicle": per_vehicle,
@@ -259,6 +262,9 @@ impl PreparedRun {
                     "urban grid of {} x {} blocks",
                     mobility.blocks_x, mobility.blocks_y
                 )
+            }
+            MobilitySource::Streets(map) => {
+                format!("network of {} roads", map.network().links().len())
             }
             MobilitySource::Trace(trace) => {
                 format!("SUMO floating-car data of {} vehicles", trace.vehicle_ids().len())
@@ -276,6 +282,11 @@ impl PreparedRun {
         } = self.extent;
         let who = match &self.source {
             MobilitySource::Grid => format!("{} vehicles", self.scenario.cell.vehicles),
+            MobilitySource::Streets(map) => format!(
+                "{} vehicles on {} roads of a network",
+                self.scenario.cell.vehicles,
+                map.network().links().len()
+            ),
             MobilitySource::Trace(trace) => {
                 let (most, _) = trace.max_simultaneous();
                 format!(
@@ -311,6 +322,12 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let age_table = ages::table(&results, &description, bound_ms);
     say!("{age_table}");
     let mut set = ages::files(&results, &description, bound_ms)?;
+    let table = prepared.table()?;
+    set.extend(cell_figures::files(
+        &prepared.simulation(),
+        &prepared.policies,
+        &table,
+    )?);
     let has_traffic = results.iter().any(|result| result.traffic.is_some());
     let traffic_table = has_traffic.then(|| traffic::table(&results, &prepared.scenario));
     if let Some(table) = &traffic_table {

@@ -27,6 +27,7 @@ const FAR_M: f64 = 1e8;
 /// Every key, in the order of the presets. Levels and powers stay within what units express, -128 to 128 dB.
 pub const KEYS: &[Key] = &[
     key("cell.vehicles", "vehicles", 1.0, 10_000.0),
+    key("cell.replacement_probability", "1/slot", 0.0, 0.5),
     key("cell.base_station_x_m", "m", -FAR_M, FAR_M),
     key("cell.base_station_y_m", "m", -FAR_M, FAR_M),
     key("cell.base_station_height_m", "m", 0.0, LARGE),
@@ -148,15 +149,20 @@ pub fn section_meaning(section: &str) -> &'static str {
     comment(section)
 }
 
-/// The key, or section, whose name is most like this one.
+/// The scenario's key whose name is most like this one.
 pub fn nearest_key(name: &str) -> &'static str {
-    let likeness = |key: &Key| {
-        // A key with the wrong section, or with none, is still recognised by its name.
-        let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_owned();
-        strsim::jaro_winkler(key.name, name).max(strsim::jaro_winkler(&last(key.name), &last(name)))
-    };
-    let nearest = KEYS.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-    nearest.map_or("", |key| key.name)
+    nearest(name, KEYS.iter().map(|key| key.name))
+}
+
+/// Which of the known keys is most like a name. One with the wrong section, or with none, is still recognised.
+pub fn nearest<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> &'k str {
+    let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+    let likeness =
+        |key: &str| strsim::jaro_winkler(key, name).max(strsim::jaro_winkler(&last(key), &last(name)));
+    let nearest = known
+        .into_iter()
+        .max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+    nearest.unwrap_or_default()
 }
 
 /// The comment behind a key or section in the preset `paper.toml`.

@@ -4,13 +4,14 @@
 //! `paper.toml` says what each key means and where it comes from, [`KEYS`] its unit and range.
 
 mod keys;
-mod layers;
+pub mod layers;
 
 use crate::error::{Error, Result};
 use firmware::units::Level;
 use serde::{Deserialize, Serialize};
 
-pub use keys::{KEYS, Key, nearest_key, section_meaning};
+pub use keys::{KEYS, Key, nearest, nearest_key, section_meaning};
+pub(crate) use layers::parse as parse_toml;
 pub use layers::{Preset, ScenarioSource};
 
 /// A checked scenario.
@@ -34,6 +35,7 @@ pub struct Scenario {
 #[allow(missing_docs, reason = "the presets document every key")]
 pub struct CellScenario {
     pub vehicles: u32,
+    pub replacement_probability: f64,
     pub base_station_x_m: f64,
     pub base_station_y_m: f64,
     pub base_station_height_m: f64,
@@ -160,7 +162,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The first key, as `section.key`, that is out of its range.
-    fn check(&self, values: &toml::Table) -> Result<()> {
+    pub fn check(&self, values: &toml::Table) -> Result<()> {
         KEYS.iter().try_for_each(|key| key.check(values))?;
         let Self {
             mobility, traffic, ..
