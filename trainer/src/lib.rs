@@ -9,6 +9,7 @@ pub mod evaluate;
 pub mod evolution;
 pub mod export;
 pub mod laboratory;
+pub mod maddpg;
 pub mod network;
 pub mod quantise;
 pub mod run_folder;

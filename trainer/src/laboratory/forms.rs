@@ -62,6 +62,9 @@ fn paper(measurement: &Measurement) -> [f32; PAPER_INPUTS] {
     inputs
 }
 
+/// Outputs of [`OutputForm::SubChannels`].
+pub const SUB_CHANNEL_ACTIONS: usize = 1 + 2 * SUB_CHANNELS;
+
 /// What an actor's outputs mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "form", deny_unknown_fields)]
@@ -75,6 +78,12 @@ pub enum OutputForm {
         /// Standard deviation of the noise, in units of a and b.
         noise: f32,
     },
+    /// Scores of silence, of full power on each sub-channel, and of the lowest joiner level on each, home first. Greedy and
+    /// exploring as [`OutputForm::Actions`].
+    SubChannels {
+        /// Whether silence may be chosen.
+        silence: bool,
+    },
 }
 
 impl OutputForm {
@@ -83,6 +92,7 @@ impl OutputForm {
         match self {
             Self::Actions => ACTIONS,
             Self::SubChannelAndPower { .. } => 2,
+            Self::SubChannels { .. } => SUB_CHANNEL_ACTIONS,
         }
     }
 
@@ -107,6 +117,22 @@ impl OutputForm {
                     }
                 }
                 sub_channel_and_power(action, plan.max_power)
+            }
+            Self::SubChannels { silence } => {
+                let least = usize::from(!silence);
+                let score = |index: usize, explore: &mut Option<&mut Stream>| match explore {
+                    Some(stream) => outputs[index] - libm::logf(stream.exponential()),
+                    None => outputs[index],
+                };
+                let mut explore = explore;
+                let mut best = (least, score(least, &mut explore));
+                for index in least + 1..SUB_CHANNEL_ACTIONS {
+                    let score = score(index, &mut explore);
+                    if score > best.1 {
+                        best = (index, score);
+                    }
+                }
+                sub_channels(best.0, measurement, plan)
             }
         }
     }
@@ -137,6 +163,23 @@ pub fn sub_channel_and_power([sub_channel, power]: [f32; 2], max_power: Dbm) -> 
             power: Dbm::from_bits(bits.floor() as i16),
         },
         _ => Decision::Silent,
+    }
+}
+
+/// The decision of an action of [`OutputForm::SubChannels`]: 0 is silence, 1 to 3 full power on home and the sub-channels
+/// after it, 4 to 6 the lowest joiner level there.
+pub fn sub_channels(action: usize, measurement: &Measurement, plan: &PowerPlan) -> Decision {
+    let Some(sending) = action.checked_sub(1) else {
+        return Decision::Silent;
+    };
+    let index = (measurement.broadcast().home.index() + sending) % SUB_CHANNELS;
+    let aim = if sending < SUB_CHANNELS { Level::MAX } else { plan.joiner_levels[0] };
+    let gain = measurement.gain()[index];
+    let reduction = gain.to_bits().saturating_sub(aim.to_bits()).max(0);
+    let power = Dbm::from_bits(plan.max_power.to_bits().saturating_sub(reduction));
+    match SubChannel::new(index as u8) {
+        Some(sub_channel) => Decision::Transmit { sub_channel, power },
+        None => Decision::Silent,
     }
 }
 

@@ -151,7 +151,7 @@ impl MaddpgLearner {
     /// Vehicles in the next episode: the load grows over the run's first part.
     fn present(&self) -> usize {
         let all = self.arena.vehicles();
-        let first = (self.options.first_vehicles as usize).min(all);
+        let first = self.options.first_vehicles(all);
         let part = if self.options.all_vehicles_at > 0.0 {
             (self.progress() / self.options.all_vehicles_at).min(1.0)
         } else {
@@ -303,6 +303,7 @@ impl MaddpgLearner {
     /// `y_g = r_g + gamma min(Q'_1, Q'_2)` by head: of the cell, or of each sub-channel's vehicles.
     fn improve_global(&mut self, batch: &Batch, later: &[f32]) {
         let heads = self.critic.heads();
+        let (actions, step) = (self.action_vectors(batch), self.critic_step());
         let (critic, discount, options) = (&self.critic, self.discount(), &self.options);
         let now = batch.view(&self.extent, &batch.known);
         let next = batch.view(&self.extent, &batch.later);
@@ -315,8 +316,6 @@ impl MaddpgLearner {
         for (target, (a, b)) in targets.iter_mut().zip(first_value.iter().zip(&second_value)) {
             *target += discount * a.min(*b);
         }
-        let actions = self.action_vectors(batch);
-        let step = self.critic_step();
         let improve = |learned: &mut Learned, pass: &mut CriticPass| {
             let values = critic.forward(&learned.parameters, &now, &actions, pass);
             let scale = 1.0 / values.len() as f32;
@@ -682,7 +681,7 @@ impl Learner for MaddpgLearner {
             form: ActorForm {
                 observation: self.options.observation,
                 output: self.options.output_form(),
-                min_vehicles: self.options.first_vehicles.min(self.extent.vehicles as u32),
+                min_vehicles: self.options.first_vehicles(self.extent.vehicles) as u32,
                 max_vehicles: self.extent.vehicles as u32,
             },
             networks: networks.collect(),

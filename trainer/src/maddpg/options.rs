@@ -163,6 +163,14 @@ impl Maddpg {
         }
     }
 
+    /// Vehicles in the first episode, of so many in the last.
+    pub fn first_vehicles(&self, all: usize) -> usize {
+        match self.first_vehicles as usize {
+            0 => all,
+            first => first,
+        }
+    }
+
     /// Checks ranges, and options against each other and the scenario.
     ///
     /// # Errors
@@ -179,7 +187,6 @@ impl Maddpg {
             ("set_hidden", self.set_hidden as u64, 4096),
             ("set_sum", self.set_sum as u64, 4096),
             ("n_step", self.n_step.into(), self.slots.into()),
-            ("first_vehicles", self.first_vehicles.into(), vehicles.into()),
         ] {
             if !(1..=most).contains(&value) {
                 return Err(Error::input(format!("maddpg.{key}"), value, format!("1 to {most}")));
@@ -223,6 +230,10 @@ impl Maddpg {
                 let found = format!("{hidden:?}");
                 return Err(Error::input(format!("maddpg.{key}"), found, "at most 8 widths from 1 to 4096"));
             }
+        }
+        if self.first_vehicles > vehicles {
+            let expected = format!("at most cell.vehicles, which is {vehicles}");
+            return Err(Error::input("maddpg.first_vehicles", self.first_vehicles, expected));
         }
         if vehicles > 255 {
             return Err(Error::input("cell.vehicles", vehicles, "at most 255 to learn with"));
