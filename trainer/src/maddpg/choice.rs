@@ -11,6 +11,18 @@ pub fn softmax(scores: &[f32]) -> Vec<f32> {
     probabilities
 }
 
+/// Slopes of the expectation of `gains` under a softmax along its scores.
+pub fn expectation_slopes(probabilities: &[f32], gains: &[f32]) -> Vec<f32> {
+    let mean = expectation(probabilities, gains);
+    let each = probabilities.iter().zip(gains);
+    each.map(|(probability, gain)| probability * (gain - mean)).collect()
+}
+
+/// The expectation of `gains`.
+pub fn expectation(probabilities: &[f32], gains: &[f32]) -> f32 {
+    probabilities.iter().zip(gains).map(|(probability, gain)| probability * gain).sum()
+}
+
 /// Entropy of a softmax in nats, and its slopes along the scores.
 pub fn entropy(probabilities: &[f32]) -> (f32, Vec<f32>) {
     let logarithms: Vec<f32> = probabilities

@@ -103,8 +103,7 @@ impl Group {
 
     /// Steps down the gradient of a loss with these slopes along the outputs, `[sample][vehicle][output]`.
     pub fn learn(&mut self, slopes: &[f32], step: Step, longest_gradient: f32) {
-        let (network, vehicles) = (&self.network, self.vehicles);
-        let copies = self.learned.len();
+        let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
         each.for_each_init(
             || vec![0.0; network.parameters()],
@@ -115,7 +114,21 @@ impl Group {
                 learned.step(gradient, Step { scale, ..step });
             },
         );
-        debug_assert_eq!(slopes.len() % vehicles, 0);
+    }
+
+    /// Each network's gradient of a loss with these slopes along the outputs.
+    #[cfg(test)]
+    pub fn gradients(&mut self, slopes: &[f32]) -> Vec<Vec<f32>> {
+        let copies = self.learned.len();
+        let each = self.passes.iter_mut().zip(&self.learned).enumerate();
+        each.map(|(copy, (pass, learned))| {
+            let mut gradient = vec![0.0; self.network.parameters()];
+            set_slopes(pass, slopes, self.network.outputs(), copy, copies);
+            self.network
+                .backward(&learned.parameters, pass, Some(&mut gradient), false);
+            gradient
+        })
+        .collect()
     }
 
     /// Slopes along the inputs from `first` on, `[sample][vehicle][width]`, of a loss with these slopes along the outputs.

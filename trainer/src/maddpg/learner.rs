@@ -7,7 +7,7 @@
 
 use super::actions::ActionSet;
 use super::arena::{Arena, Beginning, CellArena, Tally, Worlds};
-use super::choice::{entropy, gumbel, one_hot, sample, softmax};
+use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
 use super::critic::{Critic, CriticPass, View};
 use super::flat_critic::FlatCritic;
 use super::group::{Group, Role, Rows};
@@ -47,8 +47,16 @@ pub struct MaddpgLearner {
     extent: Extent,
     counters: Counters,
     losses: Losses,
-    /// Time that the environment took, for the bench.
-    pub environment_time: Duration,
+    times: Times,
+}
+
+/// Where a run's time went.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Times {
+    /// In the environment: observing and stepping.
+    pub environment: Duration,
+    /// In updates.
+    pub learning: Duration,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -139,8 +147,18 @@ impl MaddpgLearner {
             extent,
             counters: Counters::default(),
             losses: Losses::default(),
-            environment_time: Duration::ZERO,
+            times: Times::default(),
         }
+    }
+
+    /// Where the time went.
+    pub fn times(&self) -> Times {
+        self.times
+    }
+
+    /// Updates so far.
+    pub fn updates(&self) -> u64 {
+        self.counters.updates
     }
 
     /// Share of the run that is done, from 0 to 1.
@@ -172,7 +190,7 @@ impl MaddpgLearner {
             room.copy_from_slice(&actions);
             let tally = worlds.step(&actions, rewards);
             played.reward += rewards.iter().map(|&reward| f64::from(reward)).sum::<f64>();
-            self.environment_time += start.elapsed();
+            self.times.environment += start.elapsed();
             played.tally.age += tally.age;
             played.tally.received += tally.received;
             played.tally.power += tally.power;
@@ -191,7 +209,7 @@ impl MaddpgLearner {
     fn know(&mut self, worlds: &dyn Worlds) {
         let start = Instant::now();
         worlds.know(self.replay.known());
-        self.environment_time += start.elapsed();
+        self.times.environment += start.elapsed();
     }
 
     /// Actions of all vehicles for the slot at hand, as the arena takes them.
@@ -224,7 +242,13 @@ impl MaddpgLearner {
     }
 
     /// One update of the global critics and, every `delay`-th time, of local critics and actors.
-    pub fn update(&mut self, stream: &mut Stream) {
+    fn update(&mut self, stream: &mut Stream) {
+        let start = Instant::now();
+        self.learn(stream);
+        self.times.learning += start.elapsed();
+    }
+
+    fn learn(&mut self, stream: &mut Stream) {
         let n = self.options.n_step as usize;
         if self.replay.transitions(n) < self.options.warm_up_slots.max(self.options.batch) {
             return;
@@ -364,7 +388,7 @@ impl MaddpgLearner {
         if choice {
             let expected = targets.chunks_exact(length).zip(outputs.chunks_exact(length));
             targets = expected
-                .map(|(values, scores)| dot(values, &softmax(scores)))
+                .map(|(values, scores)| expectation(&softmax(scores), values))
                 .collect();
         }
         for (target, reward) in targets.iter_mut().zip(&batch.rewards) {
@@ -459,12 +483,11 @@ impl MaddpgLearner {
             let probabilities = softmax(scores);
             let weights = relaxed.get(place).unwrap_or(&probabilities);
             let factor = if relaxed.is_empty() { 1.0 } else { 1.0 / self.options.temperature };
-            let mean = dot(weights, gains);
+            let gain_slopes = expectation_slopes(weights, gains);
             let (spread, spread_slopes) = entropy(&probabilities);
             total_entropy += spread;
             for (index, slope) in slopes.iter_mut().enumerate() {
-                let gain = factor * weights[index] * (gains[index] - mean);
-                *slope = -scale * (gain + entropy_weight * spread_slopes[index]);
+                *slope = -scale * (factor * gain_slopes[index] + entropy_weight * spread_slopes[index]);
             }
         }
         let step = self.step(self.options.actor_learning_rate, self.options.last_actor_learning_rate);
@@ -559,10 +582,6 @@ fn global_rewards(view: &View<'_>, rewards: &[f32], heads: usize) -> Vec<f32> {
 /// Vehicles over all samples.
 fn taking_part(present: &[u8]) -> f32 {
     present.iter().map(|&present| f32::from(present)).sum()
-}
-
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 fn interpolate(first: f32, last: f32, progress: f32) -> f32 {

@@ -9,6 +9,8 @@ pub mod arena;
 pub mod choice;
 pub mod critic;
 pub mod flat_critic;
+#[cfg(test)]
+mod gradient_tests;
 pub mod group;
 pub mod learner;
 pub mod optimiser;

@@ -252,3 +252,59 @@ fn accumulate<S: Simd, const ROWS: usize, const VECTORS: usize>(
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::random::initial;
+    use pulp::Scalar;
+
+    /// Odd sizes, so that every tail is met.
+    const SIZES: [(usize, usize, usize); 6] =
+        [(1, 1, 1), (7, 5, 3), (13, 64, 100), (50, 33, 65), (97, 20, 16), (6, 300, 130)];
+
+    #[test]
+    fn every_form_is_the_plain_sum_bit_for_bit_with_and_without_vectors() {
+        let mut stream = initial(1, 0);
+        let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| stream.normal() as f32).collect() };
+        for (rows, depth, columns) in SIZES {
+            let (left, right) = (numbers(rows * depth), numbers(depth * columns));
+            let (biases, before) = (numbers(rows), numbers(rows * columns));
+            let transposed: Vec<f32> =
+                (0..depth).flat_map(|p| (0..rows).map(move |row| (row, p))).map(|(row, p)| left[row * depth + p]).collect();
+            for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add].into_iter().enumerate() {
+                let expected: Vec<f32> = (0..rows * columns)
+                    .map(|place| {
+                        let (row, column) = (place / columns, place % columns);
+                        let first = [0.0, biases[row], before[place]][form];
+                        let sum = (0..depth).fold(first, |sum, p| {
+                            libm::fmaf(left[row * depth + p], right[p * columns + column], sum)
+                        });
+                        sum.max(0.0)
+                    })
+                    .collect();
+                for left in [Left::Plain(&left), Left::Transposed(&transposed)] {
+                    for vectors in [true, false] {
+                        let mut result = before.clone();
+                        let product = Product {
+                            left,
+                            right: &right,
+                            depth,
+                            columns,
+                            start,
+                            rectify: true,
+                            result: &mut result,
+                            scratch: &mut Scratch::default(),
+                        };
+                        if vectors {
+                            product.compute();
+                        } else {
+                            product.with_simd(Scalar::new());
+                        }
+                        assert!(result == expected, "{rows} x {depth} x {columns}, vectors: {vectors}");
+                    }
+                }
+            }
+        }
+    }
+}
