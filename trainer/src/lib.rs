@@ -3,6 +3,7 @@
 //! [`distil`] imitates the AoI clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
 //! what that changed; [`export`] writes tables and files; [`evaluate`] compares float and int8 on held-out worlds.
 
+pub mod actor_table;
 pub mod command;
 pub mod distil;
 pub mod evaluate;
@@ -11,6 +12,7 @@ pub mod export;
 pub mod laboratory;
 pub mod maddpg;
 pub mod network;
+pub mod onnx;
 pub mod quantise;
 pub mod run_folder;
 pub mod toy;

@@ -4,3 +4,4 @@ pub mod bench;
 pub mod distil;
 pub mod eval;
 pub mod export;
+pub mod train;

@@ -33,11 +33,7 @@ impl FlatCritic {
     /// See [`super::critic::Critic::forward`].
     pub fn forward(&self, parameters: &[f32], view: &View<'_>, actions: &[f32], pass: &mut FlatPass) -> Vec<f32> {
         let samples = view.samples();
-        let input = pass.pass.input(&self.network, samples);
-        input.fill(0.0);
-        for sample in 0..samples {
-            self.write(view, actions, sample, |index, value| input[index * samples + sample] = value);
-        }
+        pass.pass.fill(&self.network, samples, |sample, line| self.write(view, actions, sample, line));
         self.network.forward(parameters, &mut pass.pass);
         pass.pass.output().to_vec()
     }
@@ -78,31 +74,28 @@ impl FlatCritic {
         let mut result = Vec::with_capacity(total);
         for first in (0..total).step_by(BLOCK) {
             let columns = BLOCK.min(total - first);
-            let input = pass.pass.input(&self.network, columns);
-            input.fill(0.0);
-            for column in 0..columns {
+            pass.pass.fill(&self.network, columns, |column, line| {
                 let (row, action) = ((first + column) / count, (first + column) % count);
                 let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
-                self.write(view, actions, sample, |index, value| input[index * columns + column] = value);
-                let place = vehicle * each + view.observed;
-                for other in 0..count {
-                    input[(place + other) * columns + column] = f32::from(u8::from(other == action));
-                }
-            }
+                self.write(view, actions, sample, line);
+                let own = &mut line[vehicle * each + view.observed..][..count];
+                own.fill(0.0);
+                own[action] = 1.0;
+            });
             self.network.forward(parameters, &mut pass.pass);
             result.extend_from_slice(pass.pass.output());
         }
         result
     }
 
-    fn write(&self, view: &View<'_>, actions: &[f32], sample: usize, mut put: impl FnMut(usize, f32)) {
+    fn write(&self, view: &View<'_>, actions: &[f32], sample: usize, line: &mut [f32]) {
         let each = view.observed + self.action_length;
-        for vehicle in (0..view.vehicles).filter(|&vehicle| view.takes_part(sample, vehicle)) {
-            let row = &view.row(sample, vehicle)[..view.observed];
-            let action = (sample * view.vehicles + vehicle) * self.action_length;
-            let values = row.iter().chain(&actions[action..action + self.action_length]);
-            for (index, &value) in values.enumerate() {
-                put(vehicle * each + index, value);
+        for (vehicle, line) in line.chunks_exact_mut(each).enumerate() {
+            if view.takes_part(sample, vehicle) {
+                let (observed, action) = line.split_at_mut(view.observed);
+                observed.copy_from_slice(&view.row(sample, vehicle)[..view.observed]);
+                let first = (sample * view.vehicles + vehicle) * self.action_length;
+                action.copy_from_slice(&actions[first..first + self.action_length]);
             }
         }
     }

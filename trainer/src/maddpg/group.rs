@@ -66,17 +66,15 @@ impl Group {
         let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
             let columns = samples * vehicles / copies;
-            let input = pass.input(network, columns);
-            let mut first = 0;
-            for rows in rows {
-                let lines = rows.values.chunks_exact(rows.stride).skip(copy).step_by(copies);
-                for (column, line) in lines.enumerate() {
-                    for (index, &value) in line[..rows.width].iter().enumerate() {
-                        input[(first + index) * columns + column] = value;
-                    }
+            pass.fill(network, columns, |column, line| {
+                let row = column * copies + copy;
+                let mut first = 0;
+                for rows in rows {
+                    let values = &rows.values[row * rows.stride..][..rows.width];
+                    line[first..first + rows.width].copy_from_slice(values);
+                    first += rows.width;
                 }
-                first += rows.width;
-            }
+            });
             network.forward(parameters(learned, role), pass);
         });
     }

@@ -22,6 +22,7 @@ pub struct Pass {
     /// Slopes of the loss along the values, in the same layout.
     slopes: Vec<Vec<f32>>,
     transposed: Vec<f32>,
+    lines: Vec<f32>,
     scratch: Scratch,
 }
 
@@ -158,6 +159,22 @@ impl Perceptron {
 }
 
 impl Pass {
+    /// Fills the input of a batch of so many columns, one column after the other. `write` finds zeros.
+    pub fn fill(&mut self, network: &Perceptron, columns: usize, mut write: impl FnMut(usize, &mut [f32])) {
+        let inputs = network.widths[0];
+        // Written one after the other and then transposed in blocks: columns lie far apart in memory.
+        let mut lines = std::mem::take(&mut self.lines);
+        lines.clear();
+        lines.resize(columns * inputs, 0.0);
+        for (column, line) in lines.chunks_exact_mut(inputs).enumerate() {
+            write(column, line);
+        }
+        self.columns = columns;
+        self.values.resize_with(network.widths.len(), Vec::new);
+        transpose(&lines, inputs, &mut self.values[0]);
+        self.lines = lines;
+    }
+
     /// The input of a batch of so many columns, `[input][column]`, to be filled.
     pub fn input(&mut self, network: &Perceptron, columns: usize) -> &mut [f32] {
         self.columns = columns;

@@ -35,7 +35,12 @@ pub struct SetPass {
     judge: Pass,
     alternatives: Pass,
     alternative_judge: Pass,
+    /// Of each column of `describe`.
+    heads: Vec<u32>,
 }
+
+/// The sum of nobody.
+const NOWHERE: u32 = u32::MAX;
 
 impl SetCritic {
     /// For `known` values of each vehicle.
@@ -61,28 +66,23 @@ impl SetCritic {
         let (places, length) = (self.set.places(), self.set.length());
         let rows = view.samples() * view.vehicles;
         let columns = rows * places;
-        let input = pass.describe.input(&self.describe, columns);
-        for column in 0..columns {
+        pass.describe.fill(&self.describe, columns, |column, line| {
             let (row, place) = (column / places, column % places);
-            self.write_known(view, row, place, |index, value| input[index * columns + column] = value);
-            for kind in 0..self.set.kinds() {
-                input[(self.known + places + kind) * columns + column] = 0.0;
+            let kinds = self.write_known(view, row, place, line);
+            for (index, &weight) in actions[row * length..][..length].iter().enumerate() {
+                kinds[self.set.kind(index, place)] += weight;
             }
-            let action = &actions[row * length..][..length];
-            for (index, &weight) in action.iter().enumerate() {
-                let kind = self.set.kind(index, place);
-                input[(self.known + places + kind) * columns + column] += weight;
-            }
-        }
+        });
         self.describe.forward(describe, &mut pass.describe);
         let sums = pass.describe.output();
         let heads = view.samples() * HEADS;
+        self.find_heads(view, &mut pass.heads);
         let input = pass.judge.input(&self.judge, heads);
         input.fill(0.0);
         for (input, sums) in input.chunks_exact_mut(heads).zip(sums.chunks_exact(columns)) {
-            for (column, &value) in sums.iter().enumerate() {
-                if let Some(head) = self.head(view, column) {
-                    input[head] += value / SUM_SCALE;
+            for (&head, &value) in pass.heads.iter().zip(sums) {
+                if let Some(sum) = input.get_mut(head as usize) {
+                    *sum += value / SUM_SCALE;
                 }
             }
         }
@@ -119,8 +119,8 @@ impl SetCritic {
         let along_sums = pass.judge.input_slopes().chunks_exact(heads);
         let along_values = pass.describe.output_slopes().chunks_exact_mut(columns);
         for (values, sums) in along_values.zip(along_sums) {
-            for (column, value) in values.iter_mut().enumerate() {
-                *value = self.head(view, column).map_or(0.0, |head| sums[head] / SUM_SCALE);
+            for (&head, value) in pass.heads.iter().zip(values) {
+                *value = sums.get(head as usize).map_or(0.0, |sum| sum / SUM_SCALE);
             }
         }
         self.describe
@@ -165,29 +165,29 @@ impl SetCritic {
         let mut values = Vec::with_capacity(total);
         for first in (0..total).step_by(BLOCK) {
             let columns = BLOCK.min(total - first);
-            let input = pass.alternatives.input(&self.describe, columns);
-            for column in 0..columns {
+            pass.alternatives.fill(&self.describe, columns, |column, line| {
                 let (actual, kind) = ((first + column) / kinds, (first + column) % kinds);
                 let (row, place) = (actual / places, actual % places);
-                self.write_known(view, row, place, |index, value| input[index * columns + column] = value);
-                for other in 0..kinds {
-                    input[(self.known + places + other) * columns + column] =
-                        f32::from(u8::from(other == kind));
-                }
-            }
+                self.write_known(view, row, place, line)[kind] = 1.0;
+            });
             self.describe.forward(describe, &mut pass.alternatives);
             let (own, sums) = (pass.alternatives.output(), pass.judge.input_values());
             let actual_values = pass.describe.output();
             let input = pass.alternative_judge.input(&self.judge, columns);
-            for column in 0..columns {
-                let actual = (first + column) / kinds;
-                // An absent vehicle's alternatives are worth nothing; nobody asks for them.
-                let head = self.head(view, actual).unwrap_or(0);
-                for index in 0..width {
-                    let change = own[index * columns + column] - actual_values[index * actual_columns + actual];
-                    input[index * columns + column] = sums[index * heads + head] + change / SUM_SCALE;
+            let (input, counts) = input.split_at_mut(width * columns);
+            let (sums, all) = sums.split_at(width * heads);
+            // An absent vehicle's alternatives are worth nothing; nobody asks for them.
+            let place = |column: usize| ((first + column) / kinds, pass.heads[(first + column) / kinds] as usize % heads);
+            let each = input.chunks_exact_mut(columns).zip(own.chunks_exact(columns));
+            let known = sums.chunks_exact(heads).zip(actual_values.chunks_exact(actual_columns));
+            for ((input, own), (sums, actual_values)) in each.zip(known) {
+                for (column, (input, own)) in input.iter_mut().zip(own).enumerate() {
+                    let (actual, head) = place(column);
+                    *input = sums[head] + (own - actual_values[actual]) / SUM_SCALE;
                 }
-                input[width * columns + column] = sums[width * heads + head];
+            }
+            for (column, count) in counts.iter_mut().enumerate() {
+                *count = all[place(column).1];
             }
             self.judge.forward(judge, &mut pass.alternative_judge);
             values.extend_from_slice(pass.alternative_judge.output());
@@ -205,22 +205,29 @@ impl SetCritic {
         result
     }
 
-    /// The sum that a column belongs to: the home sub-channel of its vehicle or one `place` further; none for an absent one.
-    fn head(&self, view: &View<'_>, column: usize) -> Option<usize> {
-        let places = self.set.places();
-        let (row, place) = (column / places, column % places);
-        let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
-        let sub_channel = (usize::from(view.homes[row]) + place) % HEADS;
-        view.takes_part(sample, vehicle).then_some(sample * HEADS + sub_channel)
+    /// The sum that each column belongs to: that of the home sub-channel of its vehicle or of one `place` further;
+    /// [`NOWHERE`] for an absent vehicle.
+    fn find_heads(&self, view: &View<'_>, heads: &mut Vec<u32>) {
+        heads.clear();
+        for (row, &home) in view.homes.iter().enumerate() {
+            let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
+            heads.extend((0..self.set.places()).map(|place| {
+                let sub_channel = (usize::from(home) + place) % HEADS;
+                if view.takes_part(sample, vehicle) {
+                    (sample * HEADS + sub_channel) as u32
+                } else {
+                    NOWHERE
+                }
+            }));
+        }
     }
 
-    fn write_known(&self, view: &View<'_>, row: usize, place: usize, mut put: impl FnMut(usize, f32)) {
-        let known = &view.observations[row * view.width..][..self.known];
-        for (index, &value) in known.iter().enumerate() {
-            put(index, value);
-        }
-        for other in 0..self.set.places() {
-            put(self.known + other, f32::from(u8::from(other == place)));
-        }
+    /// Writes what is known, and which place is meant; gives the room for the kinds of action, which are zeros.
+    fn write_known<'l>(&self, view: &View<'_>, row: usize, place: usize, line: &'l mut [f32]) -> &'l mut [f32] {
+        let (known, rest) = line.split_at_mut(self.known);
+        known.copy_from_slice(&view.observations[row * view.width..][..self.known]);
+        let (places, kinds) = rest.split_at_mut(self.set.places());
+        places[place] = 1.0;
+        kinds
     }
 }
