@@ -227,3 +227,51 @@ fn matrix(name: &str, columns: usize) -> ValueInfo {
         }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Layer;
+
+    /// onnxruntime ran this model to the right numbers; `tests/check_exports.py` runs a whole run's.
+    #[test]
+    fn models_have_the_bytes_that_onnxruntime_runs() {
+        let layer = |inputs, outputs, weights: &[f32], biases: &[f32]| Layer {
+            inputs,
+            outputs,
+            weights: weights.to_vec(),
+            biases: biases.to_vec(),
+        };
+        let network = Network {
+            layers: vec![
+                layer(2, 1, &[1.0, -2.0], &[0.5]),
+                layer(1, 2, &[3.0, 4.0], &[0.0, -1.0]),
+            ],
+        };
+        let bytes = model(&network, OutputForm::Actions);
+        let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let expected = [
+            "080a120966726573686c616e653aac030a560a0b6f62736572766174696f6e0a0f6c61796572732e302e776569676874",
+            "0a0d6c61796572732e302e6269617312086c61796572732e301a086c61796572732e30220447656d6d2a0d0a06747261",
+            "6e73421801a001020a2e0a086c61796572732e30120d61637469766174696f6e732e301a0d61637469766174696f6e73",
+            "2e30220452656c750a560a0d61637469766174696f6e732e300a0f6c61796572732e312e7765696768740a0d6c617965",
+            "72732e312e62696173120673636f7265731a086c61796572732e31220447656d6d2a0d0a067472616e73421801a00102",
+            "12056163746f722a210a0201021001420f6c61796572732e302e7765696768744a080000803f000000c02a1a0a010110",
+            "01420d6c61796572732e302e626961734a040000003f2a210a0202011001420f6c61796572732e312e7765696768744a",
+            "0800004040000080402a1e0a01021001420d6c61796572732e312e626961734a0800000000000080bf5a220a0b6f6273",
+            "6572766174696f6e12130a110801120d0a07120562617463680a020802621d0a0673636f72657312130a110801120d0a",
+            "07120562617463680a02080242021015",
+        ];
+        assert_eq!(hexadecimal, expected.concat());
+
+        let continuous = model(&network, OutputForm::SubChannelAndPower { noise: 0.1 });
+        let graph = Model::decode(continuous.as_slice()).unwrap().graph.unwrap();
+        let operators: Vec<&str> = graph.node.iter().map(|node| node.op_type.as_str()).collect();
+        assert_eq!(operators, ["Gemm", "Relu", "Gemm", "Tanh"]);
+        assert_eq!(
+            (&graph.node[3].output[0], &graph.output[0].name),
+            (&"action".to_owned(), &"action".to_owned())
+        );
+        assert_eq!(graph.node[3].input, graph.node[2].output);
+    }
+}

@@ -1,8 +1,9 @@
-//! `host-sim figures`: the paper's path-planning figures, with their data. They sweep delta m themselves.
+//! `host-sim figures`: the paper's figures with their data: path planning, which sweeps delta m itself, and learning, from
+//! runs that come with the program.
 
 use crate::command::options::ScenarioArguments;
 use crate::error::Result;
-use crate::report::{files, traffic};
+use crate::report::{files, learning, traffic};
 use crate::say;
 use serde_json::json;
 use std::path::PathBuf;
@@ -31,7 +32,8 @@ pub struct FigureArguments {
 pub fn run(arguments: &FigureArguments) -> Result<()> {
     let scenario = arguments.scenario.read([])?;
     files::check_folder(&arguments.out)?;
-    let set = traffic::paper_figures(&scenario)?;
+    let mut set = traffic::paper_figures(&scenario)?;
+    set.extend(learning::paper_figures()?);
     files::write_set(&arguments.out, &set)?;
     let files: Vec<String> = set
         .iter()

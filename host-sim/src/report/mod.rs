@@ -6,6 +6,7 @@ pub mod chart;
 pub mod columns;
 pub mod csv;
 pub mod files;
+pub mod learning;
 pub mod output;
 pub mod parquet;
 pub mod text_table;

@@ -113,6 +113,17 @@ mod tests {
         assert_eq!(CHECKSUM.checksum(&ascending), 0x46dd_794e);
     }
 
+    /// These bytes were read back with TensorBoard's own reader; `tests/check_exports.py` reads a whole run.
+    #[test]
+    fn records_have_the_bytes_that_tensorboard_reads() {
+        let bytes = scalars(1.5, 3, [("age", 0.0)].into_iter());
+        let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(
+            hexadecimal,
+            "19000000000000008bf1082809000000000000f83f10032a0c0a0a0a03616765150000000002e9899e"
+        );
+    }
+
     #[test]
     fn a_file_can_be_cut_to_its_whole_records() {
         let mut bytes = header(0.0);
