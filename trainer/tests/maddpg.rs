@@ -143,7 +143,10 @@ fn the_best_play_of_a_toy_is_found_on_five_of_five_seeds() {
                 let _metrics = learner.advance();
             }
             let reward = greedy_reward(&learner);
-            assert!((reward - best).abs() < 1e-6, "{form}, seed {seed}: {reward}, the best is {best}");
+            assert!(
+                (reward - best).abs() < 1e-6,
+                "{form}, seed {seed}: {reward}, the best is {best}"
+            );
         }
     }
 }
@@ -194,7 +197,10 @@ fn a_restored_run_continues_bit_for_bit() {
 #[test]
 fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| run(&mut small(Preset::Companion), 3))
     };
     assert!(on(1) == on(3));
@@ -203,8 +209,14 @@ fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
 #[test]
 fn a_state_of_another_geometry_is_refused() {
     let mut other = small(Preset::Freshlane);
-    let message = other.restore(run(&mut small(Preset::Companion), 1)).unwrap_err().to_string();
-    assert!(message.starts_with("actors.0.parameters: found f32 of shape"), "{message}");
+    let message = other
+        .restore(run(&mut small(Preset::Companion), 1))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.starts_with("actors.0.parameters: found f32 of shape"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -221,11 +233,14 @@ fn contradictory_options_are_refused_by_name() {
          action that is a choice, or maddpg.gradient = \"straight\""
     );
     assert!(
-        message(&|options| options.replay = 99).contains("maddpg.replay = 99 with maddpg.worlds x maddpg.slots = 100")
+        message(&|options| options.replay = 99)
+            .contains("maddpg.replay = 99 with maddpg.worlds x maddpg.slots = 100")
     );
     assert_eq!(
         message(&|options| options.delay = 0),
         "maddpg.delay: found 0, expected 1 to 1000"
     );
-    assert!(message(&|options| options.discount = f32::NAN).starts_with("maddpg.discount: found NaN, expected"));
+    assert!(
+        message(&|options| options.discount = f32::NAN).starts_with("maddpg.discount: found NaN, expected")
+    );
 }

@@ -54,7 +54,10 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             let _metrics = learner.advance();
         }
         let spent = learner.times();
-        let times = [spent.learning - before.learning, spent.environment - before.environment];
+        let times = [
+            spent.learning - before.learning,
+            spent.environment - before.environment,
+        ];
         (start.elapsed(), times, learner.updates() - first)
     });
     let [learning, environment] = times.map(|time: Duration| time.as_secs_f64());

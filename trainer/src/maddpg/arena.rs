@@ -105,7 +105,13 @@ impl Arena for CellArena {
         let worlds = self.options.worlds;
         let first = beginning.episode * worlds;
         let source = MobilitySource::Grid;
-        let environment = Environment::new(&scenario, &source, self.seed, Purpose::Training, first..first + worlds);
+        let environment = Environment::new(
+            &scenario,
+            &source,
+            self.seed,
+            Purpose::Training,
+            first..first + worlds,
+        );
         let mut cells = Cells {
             decisions: Decisions::new(worlds as usize, beginning.present),
             environment,
@@ -115,7 +121,10 @@ impl Arena for CellArena {
             present: beginning.present,
             arena: self,
         };
-        cells.start_ages(beginning, &mut random::episode(self.seed, beginning.episode, START_AGES));
+        cells.start_ages(
+            beginning,
+            &mut random::episode(self.seed, beginning.episode, START_AGES),
+        );
         player(&mut cells);
     }
 }

@@ -4,10 +4,14 @@ use host_sim::stream::Stream;
 
 /// The softmax of scores.
 pub fn softmax(scores: &[f32]) -> Vec<f32> {
-    let largest = scores.iter().fold(f32::NEG_INFINITY, |largest, &score| largest.max(score));
+    let largest = scores
+        .iter()
+        .fold(f32::NEG_INFINITY, |largest, &score| largest.max(score));
     let mut probabilities: Vec<f32> = scores.iter().map(|score| libm::expf(score - largest)).collect();
     let sum: f32 = probabilities.iter().sum();
-    probabilities.iter_mut().for_each(|probability| *probability /= sum);
+    probabilities
+        .iter_mut()
+        .for_each(|probability| *probability /= sum);
     probabilities
 }
 
@@ -15,12 +19,17 @@ pub fn softmax(scores: &[f32]) -> Vec<f32> {
 pub fn expectation_slopes(probabilities: &[f32], gains: &[f32]) -> Vec<f32> {
     let mean = expectation(probabilities, gains);
     let each = probabilities.iter().zip(gains);
-    each.map(|(probability, gain)| probability * (gain - mean)).collect()
+    each.map(|(probability, gain)| probability * (gain - mean))
+        .collect()
 }
 
 /// The expectation of `gains`.
 pub fn expectation(probabilities: &[f32], gains: &[f32]) -> f32 {
-    probabilities.iter().zip(gains).map(|(probability, gain)| probability * gain).sum()
+    probabilities
+        .iter()
+        .zip(gains)
+        .map(|(probability, gain)| probability * gain)
+        .sum()
 }
 
 /// Entropy of a softmax in nats, and its slopes along the scores.
@@ -29,20 +38,36 @@ pub fn entropy(probabilities: &[f32]) -> (f32, Vec<f32>) {
         .iter()
         .map(|probability| libm::logf(probability.max(f32::MIN_POSITIVE)))
         .collect();
-    let entropy = -probabilities.iter().zip(&logarithms).map(|(p, log)| p * log).sum::<f32>();
-    let slopes = probabilities.iter().zip(&logarithms).map(|(p, log)| -p * (log + entropy));
+    let entropy = -probabilities
+        .iter()
+        .zip(&logarithms)
+        .map(|(p, log)| p * log)
+        .sum::<f32>();
+    let slopes = probabilities
+        .iter()
+        .zip(&logarithms)
+        .map(|(p, log)| -p * (log + entropy));
     (entropy, slopes.collect())
 }
 
 /// Scores plus Gumbel noise: the largest is a draw from their softmax.
 pub fn gumbel(scores: &[f32], stream: &mut Stream) -> Vec<f32> {
-    scores.iter().map(|score| score - libm::logf(stream.exponential())).collect()
+    scores
+        .iter()
+        .map(|score| score - libm::logf(stream.exponential()))
+        .collect()
 }
 
 /// A draw from the softmax of scores; the first of equals.
 pub fn sample(scores: &[f32], stream: &mut Stream) -> usize {
     let perturbed = gumbel(scores, stream);
-    (1..scores.len()).fold(0, |best, index| if perturbed[index] > perturbed[best] { index } else { best })
+    (1..scores.len()).fold(0, |best, index| {
+        if perturbed[index] > perturbed[best] {
+            index
+        } else {
+            best
+        }
+    })
 }
 
 /// Appends a vector of zeros with a one.

@@ -76,7 +76,13 @@ impl Critic {
     }
 
     /// Values of `actions`, `[sample][vehicle][action length]`, as `[sample][head]`.
-    pub fn forward(&self, parameters: &[f32], view: &View<'_>, actions: &[f32], pass: &mut CriticPass) -> Vec<f32> {
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        view: &View<'_>,
+        actions: &[f32],
+        pass: &mut CriticPass,
+    ) -> Vec<f32> {
         match self {
             Self::Flat(critic) => critic.forward(parameters, view, actions, &mut pass.flat),
             Self::Set(critic) => critic.forward(parameters, view, actions, &mut pass.set),

@@ -31,18 +31,33 @@ impl FlatCritic {
     }
 
     /// See [`super::critic::Critic::forward`].
-    pub fn forward(&self, parameters: &[f32], view: &View<'_>, actions: &[f32], pass: &mut FlatPass) -> Vec<f32> {
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        view: &View<'_>,
+        actions: &[f32],
+        pass: &mut FlatPass,
+    ) -> Vec<f32> {
         let samples = view.samples();
-        pass.pass.fill(&self.network, samples, |sample, line| self.write(view, actions, sample, line));
+        pass.pass.fill(&self.network, samples, |sample, line| {
+            self.write(view, actions, sample, line)
+        });
         self.network.forward(parameters, &mut pass.pass);
         pass.pass.output().to_vec()
     }
 
     /// Runs slopes back, to the gradient or else to the inputs.
-    pub fn backward(&self, parameters: &[f32], slopes: &[f32], pass: &mut FlatPass, gradient: Option<&mut [f32]>) {
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        slopes: &[f32],
+        pass: &mut FlatPass,
+        gradient: Option<&mut [f32]>,
+    ) {
         pass.pass.output_slopes().copy_from_slice(slopes);
         let along_inputs = gradient.is_none();
-        self.network.backward(parameters, &mut pass.pass, gradient, along_inputs);
+        self.network
+            .backward(parameters, &mut pass.pass, gradient, along_inputs);
     }
 
     /// Slopes along the actions after a backward run to the inputs.

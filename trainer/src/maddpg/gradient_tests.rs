@@ -33,7 +33,11 @@ fn check(name: &str, at: &[f32], gradient: &[f32], function: impl Fn(&[f32]) -> 
         length += difference * difference;
     }
     let relative = libm::sqrt(error / length);
-    assert!(relative < MOST, "{name}: relative error {relative:.2e} over {} slopes", gradient.len());
+    assert!(
+        relative < MOST,
+        "{name}: relative error {relative:.2e} over {} slopes",
+        gradient.len()
+    );
 }
 
 fn numbers(stream: &mut Stream, count: usize) -> Vec<f32> {
@@ -42,7 +46,11 @@ fn numbers(stream: &mut Stream, count: usize) -> Vec<f32> {
 
 /// `sum of weight x value`, in f64.
 fn weighted(weights: &[f32], values: &[f32]) -> f64 {
-    weights.iter().zip(values).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
+    weights
+        .iter()
+        .zip(values)
+        .map(|(&a, &b)| f64::from(a) * f64::from(b))
+        .sum()
 }
 
 #[test]
@@ -61,7 +69,9 @@ fn perceptrons() {
     pass.output_slopes().copy_from_slice(&weights);
     let mut gradient = vec![0.0; network.parameters()];
     network.backward(&parameters, &mut pass, Some(&mut gradient), true);
-    check("parameters", &parameters, &gradient, |at| weighted(&weights, run(at, &inputs).output()));
+    check("parameters", &parameters, &gradient, |at| {
+        weighted(&weights, run(at, &inputs).output())
+    });
     check("inputs", &inputs, pass.input_slopes(), |at| {
         weighted(&weights, run(&parameters, at).output())
     });
@@ -105,10 +115,18 @@ fn critics() -> Vec<(&'static str, ActionSet, Critic)> {
     let flat = |set: ActionSet| Critic::Flat(FlatCritic::new(VEHICLES, OBSERVED, set.length(), &[17, 9]));
     let sum = |set: ActionSet| Critic::Set(SetCritic::new(set, KNOWN, 11, 6, &[10, 7]));
     vec![
-        ("flat, continuous", ActionSet::Continuous, flat(ActionSet::Continuous)),
+        (
+            "flat, continuous",
+            ActionSet::Continuous,
+            flat(ActionSet::Continuous),
+        ),
         ("flat, choice", ActionSet::FIRMWARE, flat(ActionSet::FIRMWARE)),
         ("set, home", ActionSet::FIRMWARE, sum(ActionSet::FIRMWARE)),
-        ("set, sub-channels", ActionSet::SubChannels, sum(ActionSet::SubChannels)),
+        (
+            "set, sub-channels",
+            ActionSet::SubChannels,
+            sum(ActionSet::SubChannels),
+        ),
     ]
 }
 
@@ -124,7 +142,8 @@ fn global_critics_and_their_losses() {
         for loss in [Loss::Squared, Loss::Huber] {
             let value = |parameters: &[f32], pass: &mut CriticPass| {
                 let values = critic.forward(parameters, &view, &actions, pass);
-                let parts: Vec<(f32, f32)> = values.iter().zip(&targets).map(|(v, t)| loss.of(v - t)).collect();
+                let parts: Vec<(f32, f32)> =
+                    values.iter().zip(&targets).map(|(v, t)| loss.of(v - t)).collect();
                 let sum: f64 = parts.iter().map(|part| f64::from(part.0)).sum();
                 (sum, parts.into_iter().map(|part| part.1).collect::<Vec<_>>())
             };
@@ -166,7 +185,9 @@ fn alternatives_are_values_of_changed_actions() {
         let (rows, length) = (sample.present.len() * VEHICLES, set.length());
         let chosen: Vec<usize> = (0..rows).map(|_| stream.below(length as u32) as usize).collect();
         let vectors = |chosen: &[usize]| -> Vec<f32> {
-            let each = chosen.iter().flat_map(|&one| (0..length).map(move |k| f32::from(u8::from(k == one))));
+            let each = chosen
+                .iter()
+                .flat_map(|&one| (0..length).map(move |k| f32::from(u8::from(k == one))));
             each.collect()
         };
         let worth = |chosen: &[usize], sample: usize| -> f32 {
@@ -174,7 +195,13 @@ fn alternatives_are_values_of_changed_actions() {
             let values = &values[sample * critic.heads()..][..critic.heads()];
             values.iter().sum::<f32>() / values.len() as f32
         };
-        let found = critic.alternatives(&parameters, &view, &vectors(&chosen), set, &mut CriticPass::default());
+        let found = critic.alternatives(
+            &parameters,
+            &view,
+            &vectors(&chosen),
+            set,
+            &mut CriticPass::default(),
+        );
         for row in (0..rows).filter(|row| view.takes_part(row / VEHICLES, row % VEHICLES)) {
             for action in 1..length {
                 let with = |action: usize| {
@@ -184,7 +211,10 @@ fn alternatives_are_values_of_changed_actions() {
                 };
                 let expected = with(action) - with(0);
                 let difference = found[row * length + action] - found[row * length];
-                assert!((difference - expected).abs() < 1e-5, "{name}: {difference} and {expected}");
+                assert!(
+                    (difference - expected).abs() < 1e-5,
+                    "{name}: {difference} and {expected}"
+                );
             }
         }
     }
@@ -204,7 +234,11 @@ fn actors_through_local_critics() {
     let actions = tanh(actors.outputs());
     critics.forward(Role::Learner, &[rows, Rows::all(&actions, 2)]);
     let along = critics.input_slopes(&vec![1.0; samples * vehicles], 3, 2);
-    let slopes: Vec<f32> = along.iter().zip(&actions).map(|(along, a)| along * (1.0 - a * a)).collect();
+    let slopes: Vec<f32> = along
+        .iter()
+        .zip(&actions)
+        .map(|(along, a)| along * (1.0 - a * a))
+        .collect();
     let gradients = actors.gradients(&slopes);
     for copy in 0..vehicles {
         let at = actors.learned[copy].parameters.clone();
@@ -228,9 +262,12 @@ fn expectations_and_entropy_along_scores() {
     for _ in 0..10 {
         let (scores, gains) = (numbers(&mut stream, 6), numbers(&mut stream, 6));
         let probabilities = softmax(&scores);
-        check("expectation", &scores, &expectation_slopes(&probabilities, &gains), |at| {
-            weighted(&softmax(at), &gains)
-        });
+        check(
+            "expectation",
+            &scores,
+            &expectation_slopes(&probabilities, &gains),
+            |at| weighted(&softmax(at), &gains),
+        );
         check("entropy", &scores, &entropy(&probabilities).1, |at| {
             f64::from(entropy(&softmax(at)).0)
         });

@@ -50,7 +50,9 @@ impl Group {
     /// Random networks.
     pub fn new(network: Perceptron, shared: bool, vehicles: usize, stream: &mut Stream) -> Self {
         let copies = if shared { 1 } else { vehicles };
-        let learned: Vec<Learned> = (0..copies).map(|_| Learned::new(network.initial(stream))).collect();
+        let learned: Vec<Learned> = (0..copies)
+            .map(|_| Learned::new(network.initial(stream)))
+            .collect();
         Self {
             passes: vec![Pass::default(); copies],
             network,
@@ -62,7 +64,9 @@ impl Group {
     /// Runs the rows of all vehicles, side by side, through their networks.
     pub fn forward(&mut self, role: Role, rows: &[Rows<'_>]) {
         let (network, vehicles, copies) = (&self.network, self.vehicles, self.learned.len());
-        let samples = rows.first().map_or(0, |rows| rows.values.len() / rows.stride / vehicles);
+        let samples = rows
+            .first()
+            .map_or(0, |rows| rows.values.len() / rows.stride / vehicles);
         let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
             let columns = samples * vehicles / copies;

@@ -117,9 +117,13 @@ impl MaddpgLearner {
         let hidden = &options.global_critic_hidden;
         let critic = match options.global_critic {
             CriticForm::Flat => Critic::Flat(FlatCritic::new(vehicles, observed, set.length(), hidden)),
-            CriticForm::Set => {
-                Critic::Set(SetCritic::new(set, known, options.set_hidden, options.set_sum, hidden))
-            }
+            CriticForm::Set => Critic::Set(SetCritic::new(
+                set,
+                known,
+                options.set_hidden,
+                options.set_sum,
+                hidden,
+            )),
         };
         let twins = [(); 2].map(|()| Learned::new(critic.initial(&mut stream)));
         let (slots, worlds) = (options.slots as usize, options.worlds as usize);
@@ -254,9 +258,13 @@ impl MaddpgLearner {
             return;
         }
         let mut batch = std::mem::take(&mut self.batch);
-        self.replay.sample(self.options.batch, n, self.options.discount, stream, &mut batch);
+        self.replay
+            .sample(self.options.batch, n, self.options.discount, stream, &mut batch);
         self.counters.updates += 1;
-        let delayed = self.counters.updates.is_multiple_of(u64::from(self.options.delay));
+        let delayed = self
+            .counters
+            .updates
+            .is_multiple_of(u64::from(self.options.delay));
         let rows = Rows {
             values: &batch.later,
             stride: self.extent.known,
@@ -316,7 +324,10 @@ impl MaddpgLearner {
     }
 
     fn critic_step(&self) -> Step {
-        self.step(self.options.critic_learning_rate, self.options.last_critic_learning_rate)
+        self.step(
+            self.options.critic_learning_rate,
+            self.options.last_critic_learning_rate,
+        )
     }
 
     /// Discount over n steps.
@@ -439,14 +450,21 @@ impl MaddpgLearner {
             GlobalWeight::Vehicles => taking_part(view.present) / samples as f32,
         };
         let mut gains = match (self.set.is_choice(), self.options.gradient) {
-            (false, _) => self.slopes_along(&view, &outputs.iter().map(|&o| libm::tanhf(o)).collect::<Vec<_>>(), known, global_weight),
+            (false, _) => self.slopes_along(
+                &view,
+                &outputs.iter().map(|&o| libm::tanhf(o)).collect::<Vec<_>>(),
+                known,
+                global_weight,
+            ),
             (true, GradientForm::AllActions) => {
                 let mut actions = Vec::with_capacity(outputs.len());
                 for scores in outputs.chunks_exact(length) {
                     one_hot(sample(scores, stream), length, &mut actions);
                 }
                 let first = &self.twins[0].parameters;
-                let mut gains = self.critic.alternatives(first, &view, &actions, self.set, &mut self.passes[0]);
+                let mut gains =
+                    self.critic
+                        .alternatives(first, &view, &actions, self.set, &mut self.passes[0]);
                 gains.iter_mut().for_each(|gain| *gain *= global_weight);
                 self.add_local_values(&mut gains, known);
                 gains
@@ -461,7 +479,8 @@ impl MaddpgLearner {
             let mut hard = Vec::with_capacity(outputs.len());
             for scores in outputs.chunks_exact(length) {
                 let perturbed = gumbel(scores, stream);
-                let best = (0..length).fold(0, |best, k| if perturbed[k] > perturbed[best] { k } else { best });
+                let best =
+                    (0..length).fold(0, |best, k| if perturbed[k] > perturbed[best] { k } else { best });
                 one_hot(best, length, &mut hard);
                 let tempered: Vec<f32> = perturbed.iter().map(|p| p / self.options.temperature).collect();
                 relaxed.extend(softmax(&tempered));
@@ -482,7 +501,11 @@ impl MaddpgLearner {
             }
             let probabilities = softmax(scores);
             let weights = relaxed.get(place).unwrap_or(&probabilities);
-            let factor = if relaxed.is_empty() { 1.0 } else { 1.0 / self.options.temperature };
+            let factor = if relaxed.is_empty() {
+                1.0
+            } else {
+                1.0 / self.options.temperature
+            };
             let gain_slopes = expectation_slopes(weights, gains);
             let (spread, spread_slopes) = entropy(&probabilities);
             total_entropy += spread;
@@ -490,16 +513,27 @@ impl MaddpgLearner {
                 *slope = -scale * (factor * gain_slopes[index] + entropy_weight * spread_slopes[index]);
             }
         }
-        let step = self.step(self.options.actor_learning_rate, self.options.last_actor_learning_rate);
+        let step = self.step(
+            self.options.actor_learning_rate,
+            self.options.last_actor_learning_rate,
+        );
         self.actors.learn(&slopes, step, self.options.gradient_clip);
         self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
         self.losses.delayed_count += 1;
     }
 
     /// Slopes of both critics along these actions.
-    fn slopes_along(&mut self, view: &View<'_>, actions: &[f32], known: Rows<'_>, global_weight: f32) -> Vec<f32> {
+    fn slopes_along(
+        &mut self,
+        view: &View<'_>,
+        actions: &[f32],
+        known: Rows<'_>,
+        global_weight: f32,
+    ) -> Vec<f32> {
         let first = &self.twins[0].parameters;
-        let mut slopes = self.critic.action_slopes(first, view, actions, &mut self.passes[0]);
+        let mut slopes = self
+            .critic
+            .action_slopes(first, view, actions, &mut self.passes[0]);
         slopes.iter_mut().for_each(|slope| *slope *= global_weight);
         if self.set.is_choice() {
             self.add_local_values(&mut slopes, known);
@@ -572,7 +606,11 @@ fn global_rewards(view: &View<'_>, rewards: &[f32], heads: usize) -> Vec<f32> {
     for (row, &reward) in rewards.iter().enumerate() {
         let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
         if view.takes_part(sample, vehicle) {
-            let head = if heads == HEADS { usize::from(view.homes[row]) } else { 0 };
+            let head = if heads == HEADS {
+                usize::from(view.homes[row])
+            } else {
+                0
+            };
             sums[sample * heads + head] += reward * heads as f32 / f32::from(view.present[sample]);
         }
     }
@@ -613,7 +651,9 @@ impl Learner for MaddpgLearner {
         self.losses = Losses::default();
         let mut played = Played::default();
         let arena = Arc::clone(&self.arena);
-        arena.play(&beginning, &mut |worlds| played = self.play(worlds, present, &mut stream));
+        arena.play(&beginning, &mut |worlds| {
+            played = self.play(worlds, present, &mut stream)
+        });
         self.counters.done += 1;
         let world_slots = (self.extent.slots * self.extent.worlds) as f64;
         self.counters.slots += world_slots as u64;
@@ -646,7 +686,10 @@ impl Learner for MaddpgLearner {
                 .collect()
         };
         let actors = save("actors", &self.actors.learned);
-        let local = self.local_critics.as_ref().map_or(&[][..], |critics| &critics.learned);
+        let local = self
+            .local_critics
+            .as_ref()
+            .map_or(&[][..], |critics| &critics.learned);
         let local_critics = save("local_critics", local);
         let twins = save("global_critics", &self.twins);
         let saved = Saved {
@@ -705,5 +748,80 @@ impl Learner for MaddpgLearner {
             },
             networks: networks.collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+
+    /// A learner of two vehicles in the paper's form whose critics are constants: their last biases.
+    fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgLearner {
+        let settings = [
+            "scenario.cell.vehicles=2",
+            "maddpg.slots=10",
+            "maddpg.replay=10",
+            "maddpg.warm_up_slots=1",
+            "maddpg.batch=5",
+            "maddpg.actor_hidden=[4]",
+            "maddpg.local_critic_hidden=[4]",
+            "maddpg.global_critic_hidden=[4]",
+            "maddpg.critic_learning_rate=0",
+            "maddpg.last_critic_learning_rate=0",
+            "maddpg.discount=0.5",
+            "maddpg.delay=1",
+        ];
+        let source = ConfigurationSource {
+            preset: Preset::Paper,
+            file: None,
+            settings: settings.map(str::to_owned).to_vec(),
+        };
+        let configuration = source.read().unwrap();
+        let Algorithm::Maddpg(options) = &configuration.algorithm else {
+            unreachable!("the preset's algorithm");
+        };
+        let mut learner = MaddpgLearner::new(&configuration.scenario, options, 1);
+        let constant = |learned: &mut Learned, value: f32| {
+            let mut parameters = vec![0.0; learned.parameters.len()];
+            *parameters.last_mut().unwrap() = value;
+            *learned = Learned::new(parameters);
+        };
+        for (learned, value) in learner.twins.iter_mut().zip(biases) {
+            constant(learned, value);
+        }
+        for learned in &mut learner.local_critics.as_mut().unwrap().learned {
+            constant(learned, local);
+        }
+        learner
+    }
+
+    /// With constant critics the losses say what the targets were: `r_g + gamma min(Q'_1, Q'_2)` and `r_l + gamma Q'_l`.
+    #[test]
+    fn targets_are_rewards_and_the_least_twin() {
+        let mut learner = constant_critics([3.0, -1.0], 2.0);
+        let metrics = learner.advance();
+        let mut batch = Batch::default();
+        // The one update's batch again: its draws follow the episode's exploration in the same stream.
+        let mut stream = random::episode(1, 0, LEARNING);
+        let draws_before = 10 * 2 * 2;
+        (0..draws_before).for_each(|_| drop(stream.normal()));
+        learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
+        let square = |value: f64| value * value;
+        let global_reward =
+            |sample: usize| f64::from(batch.rewards[2 * sample] + batch.rewards[2 * sample + 1]) / 2.0;
+        let global: f64 = (0..5)
+            .map(|sample| {
+                let target = global_reward(sample) - 0.5;
+                (square(3.0 - target) + square(-1.0 - target)) / 2.0 / 5.0
+            })
+            .sum();
+        let local: f64 = batch
+            .rewards
+            .iter()
+            .map(|&reward| square(2.0 - (f64::from(reward) + 1.0)) / 10.0)
+            .sum();
+        assert!((metrics.get("global_loss").unwrap() - global).abs() < 1e-4 * global);
+        assert!((metrics.get("local_loss").unwrap() - local).abs() < 1e-4 * local);
     }
 }

@@ -64,13 +64,6 @@ impl Learned {
         });
     }
 
-    /// Only the targets move.
-    pub fn follow(&mut self, target_rate: f32) {
-        for (target, parameter) in self.target.iter_mut().zip(&self.parameters) {
-            *target += target_rate * (*parameter - *target);
-        }
-    }
-
     /// Writes everything into a state.
     pub fn save(&self, name: &str, state: &mut State) -> Powers {
         for (part, values) in self.parts() {
@@ -150,10 +143,7 @@ impl WithSimd for Update<'_> {
             *square = simd.add_f32s(simd.mul_f32s(keep_2, *square), fresh);
             let below = simd.add_f32s(simd.mul_f32s(simd.sqrt_f32s(*square), root), epsilon);
             *parameter = simd.sub_f32s(*parameter, simd.div_f32s(simd.mul_f32s(rate, *mean), below));
-            *target = simd.add_f32s(
-                *target,
-                simd.mul_f32s(follow, simd.sub_f32s(*parameter, *target)),
-            );
+            *target = simd.add_f32s(*target, simd.mul_f32s(follow, simd.sub_f32s(*parameter, *target)));
         }
         let moments = last_means.iter_mut().zip(last_squares);
         let values = last_parameters.iter_mut().zip(last_targets);
@@ -172,7 +162,46 @@ pub fn clip(gradient: &[f32], longest: f32) -> f32 {
     if longest == 0.0 {
         return 1.0;
     }
-    let square: f64 = gradient.iter().map(|&slope| f64::from(slope) * f64::from(slope)).sum();
+    let square: f64 = gradient
+        .iter()
+        .map(|&slope| f64::from(slope) * f64::from(slope))
+        .sum();
     let length = libm::sqrt(square) as f32;
     if length > longest { longest / length } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_adam_and_targets_follow() {
+        // 19 values: more than one vector and a rest.
+        let slopes: Vec<f32> = (0..19).map(|index| index as f32 - 9.0).collect();
+        let mut learned = Learned::new(vec![1.0; 19]);
+        let step = Step {
+            learning_rate: 0.1,
+            target_rate: 0.25,
+            scale: 0.5,
+        };
+        learned.step(&slopes, step);
+        for (index, slope) in slopes.iter().enumerate() {
+            // Adam's first step is the learning rate, whatever the slope's size.
+            let expected = 1.0 - 0.1 * if *slope == 0.0 { 0.0 } else { slope.signum() };
+            assert!((learned.parameters[index] - expected).abs() < 1e-6);
+            assert!((learned.target[index] - (1.0 + 0.25 * (expected - 1.0))).abs() < 1e-6);
+        }
+        // The second step by hand for one parameter: slopes 4.5, then 0.
+        learned.step(&[0.0; 19], step);
+        let mean = 0.9 * 0.1 * 4.5 / (1.0 - 0.81);
+        let root = libm::sqrt(0.999 * 0.001 * 4.5 * 4.5 / (1.0 - 0.999 * 0.999));
+        assert!((f64::from(learned.parameters[18]) - (0.9 - 0.1 * mean / root)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn gradients_are_shortened_to_their_limit() {
+        assert_eq!(clip(&[3.0, 4.0], 0.0), 1.0);
+        assert_eq!(clip(&[3.0, 4.0], 10.0), 1.0);
+        assert_eq!(clip(&[3.0, 4.0], 1.0), 0.2);
+    }
 }

@@ -159,7 +159,9 @@ impl Maddpg {
         match self.action {
             ActionForm::SubChannelAndPower => OutputForm::SubChannelAndPower { noise: self.noise },
             ActionForm::Actions => OutputForm::Actions,
-            ActionForm::SubChannels => OutputForm::SubChannels { silence: self.silence },
+            ActionForm::SubChannels => OutputForm::SubChannels {
+                silence: self.silence,
+            },
         }
     }
 
@@ -189,7 +191,11 @@ impl Maddpg {
             ("n_step", self.n_step.into(), self.slots.into()),
         ] {
             if !(1..=most).contains(&value) {
-                return Err(Error::input(format!("maddpg.{key}"), value, format!("1 to {most}")));
+                return Err(Error::input(
+                    format!("maddpg.{key}"),
+                    value,
+                    format!("1 to {most}"),
+                ));
             }
         }
         for (key, value, least, most) in [
@@ -197,8 +203,18 @@ impl Maddpg {
             ("local_weight", self.local_weight, 0.0, 1e6),
             ("actor_learning_rate", self.actor_learning_rate, 0.0, 1.0),
             ("critic_learning_rate", self.critic_learning_rate, 0.0, 1.0),
-            ("last_actor_learning_rate", self.last_actor_learning_rate, 0.0, 1.0),
-            ("last_critic_learning_rate", self.last_critic_learning_rate, 0.0, 1.0),
+            (
+                "last_actor_learning_rate",
+                self.last_actor_learning_rate,
+                0.0,
+                1.0,
+            ),
+            (
+                "last_critic_learning_rate",
+                self.last_critic_learning_rate,
+                0.0,
+                1.0,
+            ),
             ("discount", self.discount, 0.0, 1.0),
             ("target_rate", self.target_rate, 0.0, 1.0),
             ("gradient_clip", self.gradient_clip, 0.0, 1e6),
@@ -228,15 +244,27 @@ impl Maddpg {
         ] {
             if !hidden.iter().all(|width| (1..=4096).contains(width)) || hidden.len() > 8 {
                 let found = format!("{hidden:?}");
-                return Err(Error::input(format!("maddpg.{key}"), found, "at most 8 widths from 1 to 4096"));
+                return Err(Error::input(
+                    format!("maddpg.{key}"),
+                    found,
+                    "at most 8 widths from 1 to 4096",
+                ));
             }
         }
         if self.first_vehicles > vehicles {
             let expected = format!("at most cell.vehicles, which is {vehicles}");
-            return Err(Error::input("maddpg.first_vehicles", self.first_vehicles, expected));
+            return Err(Error::input(
+                "maddpg.first_vehicles",
+                self.first_vehicles,
+                expected,
+            ));
         }
         if vehicles > 255 {
-            return Err(Error::input("cell.vehicles", vehicles, "at most 255 to learn with"));
+            return Err(Error::input(
+                "cell.vehicles",
+                vehicles,
+                "at most 255 to learn with",
+            ));
         }
         self.check_together()
     }
@@ -247,23 +275,38 @@ impl Maddpg {
         let contradiction = |found: String, expected: &str| Err(Error::input("maddpg", found, expected));
         if !choice && self.gradient == GradientForm::AllActions {
             let found = format!("maddpg.gradient = \"all-actions\" with {continuous}");
-            return contradiction(found, "an action that is a choice, or maddpg.gradient = \"straight\"");
+            return contradiction(
+                found,
+                "an action that is a choice, or maddpg.gradient = \"straight\"",
+            );
         }
         if !choice && self.global_critic == CriticForm::Set {
             let found = format!("maddpg.global_critic = \"set\" with {continuous}");
-            return contradiction(found, "an action that is a choice, or maddpg.global_critic = \"flat\"");
+            return contradiction(
+                found,
+                "an action that is a choice, or maddpg.global_critic = \"flat\"",
+            );
         }
         if !self.silence && self.action != ActionForm::SubChannels {
             let found = "maddpg.silence = false with another maddpg.action than \"sub-channels\"".to_owned();
-            return contradiction(found, "maddpg.silence = true, or maddpg.action = \"sub-channels\"");
+            return contradiction(
+                found,
+                "maddpg.silence = true, or maddpg.action = \"sub-channels\"",
+            );
         }
         let episode = self.worlds as usize * self.slots as usize;
         if self.replay < episode {
-            let found = format!("maddpg.replay = {} with maddpg.worlds x maddpg.slots = {episode}", self.replay);
+            let found = format!(
+                "maddpg.replay = {} with maddpg.worlds x maddpg.slots = {episode}",
+                self.replay
+            );
             return contradiction(found, "room for at least one episode");
         }
         if self.warm_up_slots > self.replay {
-            let found = format!("maddpg.warm_up_slots = {} with maddpg.replay = {}", self.warm_up_slots, self.replay);
+            let found = format!(
+                "maddpg.warm_up_slots = {} with maddpg.replay = {}",
+                self.warm_up_slots, self.replay
+            );
             return contradiction(found, "at most what the replay holds");
         }
         Ok(())

@@ -29,7 +29,10 @@ pub struct Pass {
 impl Perceptron {
     /// From the inputs to the outputs.
     pub fn new(inputs: usize, hidden: &[usize], outputs: usize) -> Self {
-        let widths = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]);
+        let widths = [inputs]
+            .into_iter()
+            .chain(hidden.iter().copied())
+            .chain([outputs]);
         Self {
             widths: widths.collect(),
         }
@@ -57,7 +60,12 @@ impl Perceptron {
 
     /// Where a layer's weights are.
     pub fn weights(&self, layer: usize) -> Range<usize> {
-        let before: usize = self.widths.windows(2).take(layer).map(|w| (w[0] + 1) * w[1]).sum();
+        let before: usize = self
+            .widths
+            .windows(2)
+            .take(layer)
+            .map(|w| (w[0] + 1) * w[1])
+            .sum();
         before..before + self.widths[layer] * self.widths[layer + 1]
     }
 

@@ -129,7 +129,11 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
         };
         let mut row = 0;
         while row < panel_rows {
-            let tile_rows = if row + TILE_ROWS <= panel_rows { TILE_ROWS } else { 1 };
+            let tile_rows = if row + TILE_ROWS <= panel_rows {
+                TILE_ROWS
+            } else {
+                1
+            };
             for (strip, first) in (0..columns).step_by(width).enumerate() {
                 let strip = &strips[strip * depth * width..][..depth * width];
                 let tile = Tile {
@@ -159,7 +163,10 @@ fn pack_strips(right: &[f32], columns: usize, width: usize, strips: &mut Vec<f32
     let depth = right.len() / columns;
     strips.clear();
     strips.resize(columns.div_ceil(width) * depth * width, 0.0);
-    for (strip, first) in strips.chunks_exact_mut(depth * width).zip((0..columns).step_by(width)) {
+    for (strip, first) in strips
+        .chunks_exact_mut(depth * width)
+        .zip((0..columns).step_by(width))
+    {
         let used = width.min(columns - first);
         for (packed, row) in strip.chunks_exact_mut(width).zip(right.chunks_exact(columns)) {
             packed[..used].copy_from_slice(&row[first..first + used]);
@@ -225,7 +232,11 @@ impl Tile<'_> {
         for (index, sums) in sums.iter().enumerate() {
             let line = &mut result[index * self.stride..][self.columns.clone()];
             for (&sum, values) in sums.iter().zip(line.chunks_mut(S::F32_LANES)) {
-                let sum = if self.rectify { simd.max_f32s(sum, zero) } else { sum };
+                let sum = if self.rectify {
+                    simd.max_f32s(sum, zero)
+                } else {
+                    sum
+                };
                 simd.partial_store_f32s(values, sum);
             }
         }
@@ -260,8 +271,14 @@ mod tests {
     use pulp::Scalar;
 
     /// Odd sizes, so that every tail is met.
-    const SIZES: [(usize, usize, usize); 6] =
-        [(1, 1, 1), (7, 5, 3), (13, 64, 100), (50, 33, 65), (97, 20, 16), (6, 300, 130)];
+    const SIZES: [(usize, usize, usize); 6] = [
+        (1, 1, 1),
+        (7, 5, 3),
+        (13, 64, 100),
+        (50, 33, 65),
+        (97, 20, 16),
+        (6, 300, 130),
+    ];
 
     #[test]
     fn every_form_is_the_plain_sum_bit_for_bit_with_and_without_vectors() {
@@ -270,9 +287,14 @@ mod tests {
         for (rows, depth, columns) in SIZES {
             let (left, right) = (numbers(rows * depth), numbers(depth * columns));
             let (biases, before) = (numbers(rows), numbers(rows * columns));
-            let transposed: Vec<f32> =
-                (0..depth).flat_map(|p| (0..rows).map(move |row| (row, p))).map(|(row, p)| left[row * depth + p]).collect();
-            for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add].into_iter().enumerate() {
+            let transposed: Vec<f32> = (0..depth)
+                .flat_map(|p| (0..rows).map(move |row| (row, p)))
+                .map(|(row, p)| left[row * depth + p])
+                .collect();
+            for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add]
+                .into_iter()
+                .enumerate()
+            {
                 let expected: Vec<f32> = (0..rows * columns)
                     .map(|place| {
                         let (row, column) = (place / columns, place % columns);
@@ -301,7 +323,10 @@ mod tests {
                         } else {
                             product.with_simd(Scalar::new());
                         }
-                        assert!(result == expected, "{rows} x {depth} x {columns}, vectors: {vectors}");
+                        assert!(
+                            result == expected,
+                            "{rows} x {depth} x {columns}, vectors: {vectors}"
+                        );
                     }
                 }
             }

@@ -177,9 +177,21 @@ impl Replay {
             action,
             ..
         } = self.extent;
-        state.put("replay.known", &[episodes, slots + 1, worlds, vehicles, known], self.known.clone());
-        state.put("replay.actions", &[episodes, slots, worlds, vehicles, action], self.actions.clone());
-        state.put("replay.rewards", &[episodes, slots, worlds, vehicles], self.rewards.clone());
+        state.put(
+            "replay.known",
+            &[episodes, slots + 1, worlds, vehicles, known],
+            self.known.clone(),
+        );
+        state.put(
+            "replay.actions",
+            &[episodes, slots, worlds, vehicles, action],
+            self.actions.clone(),
+        );
+        state.put(
+            "replay.rewards",
+            &[episodes, slots, worlds, vehicles],
+            self.rewards.clone(),
+        );
         state.put("replay.homes", &[episodes, worlds, vehicles], self.homes.clone());
         state.put("replay.present", &[episodes], self.present.clone());
         (self.begun, self.filled)
@@ -237,5 +249,76 @@ impl Batch {
             homes: &self.homes,
             present: &self.present,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::random::initial;
+
+    const EXTENT: Extent = Extent {
+        episodes: 3,
+        slots: 6,
+        worlds: 2,
+        vehicles: 2,
+        known: 1,
+        observed: 1,
+        action: 1,
+    };
+
+    /// What is known says where it is from: 100 episode + 10 slot + world + vehicle / 10. So does the reward of that slot.
+    fn mark(episode: usize, slot: usize, row: usize) -> f32 {
+        (100 * episode + 10 * slot + row / 2) as f32 + (row % 2) as f32 / 10.0
+    }
+
+    fn play(replay: &mut Replay, episode: usize, slots: usize) {
+        replay.begin(2).fill(episode as u8 % 3);
+        for slot in 0..=slots {
+            let known = replay.known();
+            known
+                .iter_mut()
+                .enumerate()
+                .for_each(|(row, value)| *value = mark(episode, slot, row));
+            if slot < slots {
+                let (actions, rewards) = replay.outcome();
+                actions.fill(slot as f32);
+                rewards
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(row, value)| *value = mark(episode, slot, row));
+                replay.advance();
+            }
+        }
+    }
+
+    #[test]
+    fn samples_look_ahead_within_their_episode_and_the_oldest_makes_room() {
+        let mut replay = Replay::new(EXTENT);
+        (0..4).for_each(|episode| play(&mut replay, episode, 6));
+        play(&mut replay, 4, 3);
+        // Episodes 2 and 3 are whole, with 4 starts each; episode 4 has 1: times two worlds.
+        assert_eq!(replay.transitions(3), 2 * (4 + 4 + 1));
+        let (mut batch, mut stream) = (Batch::default(), initial(1, 0));
+        replay.sample(2000, 3, 0.5, &mut stream, &mut batch);
+        let mut seen = std::collections::BTreeSet::new();
+        for sample in 0..2000 {
+            let (known, later) = (batch.known[2 * sample], batch.later[2 * sample]);
+            let _new = seen.insert(known as u32);
+            assert_eq!(later, known + 30.0, "three slots later in the same world");
+            assert_eq!(batch.known[2 * sample + 1], known + 0.1);
+            assert_eq!(
+                batch.rewards[2 * sample],
+                known + 0.5 * (known + 10.0) + 0.25 * (known + 20.0)
+            );
+            assert_eq!(batch.actions[2 * sample], (known as u32 / 10 % 10) as f32);
+            assert_eq!(u32::from(batch.homes[2 * sample]), known as u32 / 100 % 3);
+        }
+        let starts = |episode: u32, slots: u32| {
+            (0..slots).flat_map(move |slot| [0, 1].map(|w| 100 * episode + 10 * slot + w))
+        };
+        let expected: std::collections::BTreeSet<u32> =
+            starts(2, 4).chain(starts(3, 4)).chain(starts(4, 1)).collect();
+        assert_eq!(seen, expected, "every start is drawn, and no other");
     }
 }

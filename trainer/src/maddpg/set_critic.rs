@@ -61,7 +61,13 @@ impl SetCritic {
     }
 
     /// See [`super::critic::Critic::forward`].
-    pub fn forward(&self, parameters: &[f32], view: &View<'_>, actions: &[f32], pass: &mut SetPass) -> Vec<f32> {
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        view: &View<'_>,
+        actions: &[f32],
+        pass: &mut SetPass,
+    ) -> Vec<f32> {
         let (describe, judge) = parameters.split_at(self.describe.parameters());
         let (places, length) = (self.set.places(), self.set.length());
         let rows = view.samples() * view.vehicles;
@@ -177,9 +183,16 @@ impl SetCritic {
             let (input, counts) = input.split_at_mut(width * columns);
             let (sums, all) = sums.split_at(width * heads);
             // An absent vehicle's alternatives are worth nothing; nobody asks for them.
-            let place = |column: usize| ((first + column) / kinds, pass.heads[(first + column) / kinds] as usize % heads);
+            let place = |column: usize| {
+                (
+                    (first + column) / kinds,
+                    pass.heads[(first + column) / kinds] as usize % heads,
+                )
+            };
             let each = input.chunks_exact_mut(columns).zip(own.chunks_exact(columns));
-            let known = sums.chunks_exact(heads).zip(actual_values.chunks_exact(actual_columns));
+            let known = sums
+                .chunks_exact(heads)
+                .zip(actual_values.chunks_exact(actual_columns));
             for ((input, own), (sums, actual_values)) in each.zip(known) {
                 for (column, (input, own)) in input.iter_mut().zip(own).enumerate() {
                     let (actual, head) = place(column);
@@ -196,9 +209,8 @@ impl SetCritic {
         let mut result = Vec::with_capacity(rows * self.set.length());
         for row in 0..rows {
             result.extend((0..self.set.length()).map(|action| {
-                let reached = (0..places).map(|place| {
-                    values[(row * places + place) * kinds + self.set.kind(action, place)]
-                });
+                let reached = (0..places)
+                    .map(|place| values[(row * places + place) * kinds + self.set.kind(action, place)]);
                 reached.sum::<f32>() / HEADS as f32
             }));
         }
@@ -223,7 +235,13 @@ impl SetCritic {
     }
 
     /// Writes what is known, and which place is meant; gives the room for the kinds of action, which are zeros.
-    fn write_known<'l>(&self, view: &View<'_>, row: usize, place: usize, line: &'l mut [f32]) -> &'l mut [f32] {
+    fn write_known<'l>(
+        &self,
+        view: &View<'_>,
+        row: usize,
+        place: usize,
+        line: &'l mut [f32],
+    ) -> &'l mut [f32] {
         let (known, rest) = line.split_at_mut(self.known);
         known.copy_from_slice(&view.observations[row * view.width..][..self.known]);
         let (places, kinds) = rest.split_at_mut(self.set.places());
