@@ -79,17 +79,24 @@ fn options(configuration: Configuration) -> Maddpg {
 
 fn toy_options() -> Maddpg {
     Maddpg {
-        episodes: 60,
+        episodes: 120,
         worlds: TOY_WORLDS as u64,
         slots: TOY_SLOTS,
+        actor_hidden: vec![16],
+        local_critic_hidden: vec![32],
+        global_critic_hidden: vec![32],
+        set_hidden: 32,
+        set_sum: 16,
         replay: 4096,
         warm_up_slots: 192,
         batch: 64,
-        first_vehicles: 0,
+        first_share: 1.0,
         silence_bias: 0.0,
         home_bias: 0.0,
         actor_learning_rate: 1e-2,
-        critic_learning_rate: 3e-3,
+        critic_learning_rate: 5e-3,
+        gradient_clip: 0.0,
+        discount: 0.8,
         n_step: 1,
         target_rate: 0.05,
         ..options(preset(Preset::Freshlane, &[]))

@@ -69,7 +69,15 @@ impl FlatCritic {
             for vehicle in 0..view.vehicles {
                 let first = vehicle * each + view.observed;
                 let actions = first..first + self.action_length;
-                result.extend(actions.map(|index| slopes[index * samples + sample]));
+                // An absent vehicle's action is not looked at.
+                let looked_at = view.takes_part(sample, vehicle);
+                result.extend(actions.map(|index| {
+                    if looked_at {
+                        slopes[index * samples + sample]
+                    } else {
+                        0.0
+                    }
+                }));
             }
         }
         result

@@ -6,22 +6,17 @@
 //! Q'_l` and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
 
 use super::actions::ActionSet;
-use super::arena::{Arena, Beginning, CellArena, Tally, Worlds};
+use super::arena::{Arena, CellArena, Tally, Worlds};
 use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
 use super::critic::{Critic, CriticPass, View};
 use super::flat_critic::FlatCritic;
 use super::group::{Group, Role, Rows};
-use super::optimiser::{Learned, Powers, Step, clip};
+use super::optimiser::{Learned, Step, clip};
 use super::options::{CriticForm, GlobalWeight, GradientForm, Maddpg, Updates};
 use super::perceptron::Perceptron;
 use super::replay::{Batch, Extent, Replay};
 use super::set_critic::{HEADS, SetCritic};
-use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::random;
-use crate::laboratory::state::State;
-use crate::network::{Layer, Network};
-use host_sim::error::Result;
 use host_sim::scenario::Scenario;
 use host_sim::stream::Stream;
 use serde::{Deserialize, Serialize};
@@ -29,24 +24,24 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// The member of the episode's stream that explores, draws batches and smooths targets.
-const LEARNING: u32 = 0;
+pub(super) const LEARNING: u32 = 0;
 
 /// The modified MADDPG at work.
 pub struct MaddpgLearner {
-    options: Maddpg,
-    seed: u64,
-    arena: Arc<dyn Arena>,
+    pub(super) options: Maddpg,
+    pub(super) seed: u64,
+    pub(super) arena: Arc<dyn Arena>,
     set: ActionSet,
-    actors: Group,
-    local_critics: Option<Group>,
+    pub(super) actors: Group,
+    pub(super) local_critics: Option<Group>,
     critic: Critic,
-    twins: [Learned; 2],
+    pub(super) twins: [Learned; 2],
     passes: [CriticPass; 2],
-    replay: Replay,
+    pub(super) replay: Replay,
     batch: Batch,
-    extent: Extent,
-    counters: Counters,
-    losses: Losses,
+    pub(super) extent: Extent,
+    pub(super) counters: Counters,
+    pub(super) losses: Losses,
     times: Times,
 }
 
@@ -60,30 +55,20 @@ pub struct Times {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Counters {
-    done: u64,
-    updates: u64,
-    slots: u64,
-}
-
-/// What a checkpoint keeps besides tensors.
-#[derive(Serialize, Deserialize)]
-struct Saved {
-    counters: Counters,
-    replay: (u64, usize),
-    actors: Vec<Powers>,
-    local_critics: Vec<Powers>,
-    twins: [Powers; 2],
+pub(super) struct Counters {
+    pub done: u64,
+    pub updates: u64,
+    pub slots: u64,
 }
 
 /// Sums over the updates of an episode.
 #[derive(Clone, Copy, Debug, Default)]
-struct Losses {
-    global: f64,
-    global_count: u32,
-    local: f64,
-    entropy: f64,
-    delayed_count: u32,
+pub(super) struct Losses {
+    pub global: f64,
+    pub global_count: u32,
+    pub local: f64,
+    pub entropy: f64,
+    pub delayed_count: u32,
 }
 
 impl MaddpgLearner {
@@ -166,12 +151,12 @@ impl MaddpgLearner {
     }
 
     /// Share of the run that is done, from 0 to 1.
-    fn progress(&self) -> f32 {
+    pub(super) fn progress(&self) -> f32 {
         self.counters.done as f32 / self.options.episodes as f32
     }
 
     /// Vehicles in the next episode: the load grows over the run's first part.
-    fn present(&self) -> usize {
+    pub(super) fn present(&self) -> usize {
         let all = self.arena.vehicles();
         let first = self.options.first_vehicles(all);
         let part = if self.options.all_vehicles_at > 0.0 {
@@ -183,7 +168,7 @@ impl MaddpgLearner {
     }
 
     /// Plays one episode in these worlds, learning meanwhile.
-    fn play(&mut self, worlds: &mut dyn Worlds, present: usize, stream: &mut Stream) -> Played {
+    pub(super) fn play(&mut self, worlds: &mut dyn Worlds, present: usize, stream: &mut Stream) -> Played {
         let mut played = Played::default();
         worlds.homes(self.replay.begin(present));
         self.know(worlds);
@@ -562,9 +547,9 @@ impl MaddpgLearner {
 
 /// Sums over an episode.
 #[derive(Default)]
-struct Played {
-    tally: Tally,
-    reward: f64,
+pub(super) struct Played {
+    pub tally: Tally,
+    pub reward: f64,
 }
 
 /// Scales the last layer down and biases it towards silence and home: an actor that always sends learns nothing.
@@ -630,131 +615,11 @@ fn interpolate(first: f32, last: f32, progress: f32) -> f32 {
     }
 }
 
-impl Learner for MaddpgLearner {
-    fn length(&self) -> u64 {
-        self.options.episodes
-    }
-
-    fn done(&self) -> u64 {
-        self.counters.done
-    }
-
-    fn advance(&mut self) -> Metrics {
-        let present = self.present();
-        let beginning = Beginning {
-            episode: self.counters.done,
-            present,
-            // Never less often than a quarter of the first share (chosen).
-            in_turn: self.options.phase_resets * (1.0 - self.progress()).max(0.25),
-        };
-        let mut stream = random::episode(self.seed, self.counters.done, LEARNING);
-        self.losses = Losses::default();
-        let mut played = Played::default();
-        let arena = Arc::clone(&self.arena);
-        arena.play(&beginning, &mut |worlds| {
-            played = self.play(worlds, present, &mut stream)
-        });
-        self.counters.done += 1;
-        let world_slots = (self.extent.slots * self.extent.worlds) as f64;
-        self.counters.slots += world_slots as u64;
-        let vehicle_slots = world_slots * present as f64;
-        let Losses {
-            global,
-            global_count,
-            local,
-            entropy,
-            delayed_count,
-        } = self.losses;
-        Metrics::default()
-            .with(name::REWARD, played.reward / vehicle_slots)
-            .with(name::AGE, played.tally.age / vehicle_slots)
-            .with(name::SUCCESSES, played.tally.received / world_slots)
-            .with(name::POWER, played.tally.power / vehicle_slots)
-            .with(name::SLOTS, self.counters.slots as f64)
-            .with(name::UPDATES, self.counters.updates as f64)
-            .with("vehicles", present as f64)
-            .with("global_loss", global / f64::from(global_count))
-            .with("local_loss", local / f64::from(delayed_count))
-            .with("entropy", entropy / f64::from(delayed_count))
-    }
-
-    fn state(&self) -> State {
-        let mut state = State::default();
-        let mut save = |name: &str, learned: &[Learned]| -> Vec<Powers> {
-            let each = learned.iter().enumerate();
-            each.map(|(index, learned)| learned.save(&format!("{name}.{index}"), &mut state))
-                .collect()
-        };
-        let actors = save("actors", &self.actors.learned);
-        let local = self
-            .local_critics
-            .as_ref()
-            .map_or(&[][..], |critics| &critics.learned);
-        let local_critics = save("local_critics", local);
-        let twins = save("global_critics", &self.twins);
-        let saved = Saved {
-            counters: self.counters,
-            replay: self.replay.save(&mut state),
-            actors,
-            local_critics,
-            twins: [twins[0], twins[1]],
-        };
-        state.counters = serde_json::json!(saved);
-        state
-    }
-
-    fn restore(&mut self, mut state: State) -> Result<()> {
-        let saved: Saved = state.counters()?;
-        let mut load = |name: &str, learned: &mut [Learned], powers: &[Powers]| -> Result<()> {
-            for (index, (learned, &powers)) in learned.iter_mut().zip(powers).enumerate() {
-                learned.load(&format!("{name}.{index}"), &mut state, powers)?;
-            }
-            Ok(())
-        };
-        load("actors", &mut self.actors.learned, &saved.actors)?;
-        if let Some(critics) = &mut self.local_critics {
-            load("local_critics", &mut critics.learned, &saved.local_critics)?;
-        }
-        load("global_critics", &mut self.twins, &saved.twins)?;
-        self.replay.load(&mut state, saved.replay)?;
-        self.counters = saved.counters;
-        state.finish()
-    }
-
-    fn actors(&self) -> Actors {
-        let network = &self.actors.network;
-        let networks = self.actors.learned.iter().map(|learned| Network {
-            layers: (0..network.layers())
-                .map(|layer| {
-                    let (inputs, outputs) = (network.widths()[layer], network.widths()[layer + 1]);
-                    let rows = &learned.parameters[network.weights(layer)];
-                    Layer {
-                        inputs,
-                        outputs,
-                        weights: (0..inputs)
-                            .flat_map(|input| rows[input..].iter().step_by(inputs).copied())
-                            .collect(),
-                        biases: learned.parameters[network.biases(layer)].to_vec(),
-                    }
-                })
-                .collect(),
-        });
-        Actors {
-            form: ActorForm {
-                observation: self.options.observation,
-                output: self.options.output_form(),
-                min_vehicles: self.options.first_vehicles(self.extent.vehicles) as u32,
-                max_vehicles: self.extent.vehicles as u32,
-            },
-            networks: networks.collect(),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+    use crate::laboratory::learner::Learner as _;
 
     /// A learner of two vehicles in the paper's form whose critics are constants: their last biases.
     fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgLearner {
@@ -805,7 +670,9 @@ mod tests {
         // The one update's batch again: its draws follow the episode's exploration in the same stream.
         let mut stream = random::episode(1, 0, LEARNING);
         let draws_before = 10 * 2 * 2;
-        (0..draws_before).for_each(|_| drop(stream.normal()));
+        (0..draws_before).for_each(|_| {
+            let _noise = stream.normal();
+        });
         learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
         let square = |value: f64| value * value;
         let global_reward =

@@ -12,6 +12,7 @@ pub mod flat_critic;
 #[cfg(test)]
 mod gradient_tests;
 pub mod group;
+mod laboratory;
 pub mod learner;
 pub mod optimiser;
 pub mod options;

@@ -52,7 +52,7 @@ pub struct Maddpg {
     pub age_scale: AgeScale,
     pub age_cap: f32,
     pub success_reward: f32,
-    pub first_vehicles: u32,
+    pub first_share: f32,
     pub all_vehicles_at: f32,
     pub phase_resets: f32,
     pub last_layer_scale: f32,
@@ -167,10 +167,7 @@ impl Maddpg {
 
     /// Vehicles in the first episode, of so many in the last.
     pub fn first_vehicles(&self, all: usize) -> usize {
-        match self.first_vehicles as usize {
-            0 => all,
-            first => first,
-        }
+        libm::roundf(self.first_share * all as f32).max(1.0) as usize
     }
 
     /// Checks ranges, and options against each other and the scenario.
@@ -225,6 +222,7 @@ impl Maddpg {
             ("last_entropy", self.last_entropy, 0.0, 10.0),
             ("age_cap", self.age_cap, 1.0, 100.0),
             ("success_reward", self.success_reward, 0.0, 1e3),
+            ("first_share", self.first_share, 0.0, 1.0),
             ("all_vehicles_at", self.all_vehicles_at, 0.0, 1.0),
             ("phase_resets", self.phase_resets, 0.0, 1.0),
             ("last_layer_scale", self.last_layer_scale, 0.0, 10.0),
@@ -250,14 +248,6 @@ impl Maddpg {
                     "at most 8 widths from 1 to 4096",
                 ));
             }
-        }
-        if self.first_vehicles > vehicles {
-            let expected = format!("at most cell.vehicles, which is {vehicles}");
-            return Err(Error::input(
-                "maddpg.first_vehicles",
-                self.first_vehicles,
-                expected,
-            ));
         }
         if vehicles > 255 {
             return Err(Error::input(
