@@ -9,13 +9,13 @@ use crate::laboratory::forms::{ObservationForm, OutputForm};
 use crate::quantise::quantise;
 use crate::run_folder::RunIdentity;
 use firmware::observation::INPUTS;
-use host_sim::cell::Cell;
 use host_sim::command::options::parse_table;
+use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
-use host_sim::mobility::{Mobility, MobilitySource};
+use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, WorldKey};
+use host_sim::stream::Purpose;
 use rayon::prelude::*;
 
 /// Worlds that activations are calibrated on, from the fewest to the most vehicles of the training, and their slots, which
@@ -61,18 +61,15 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors) -> Result<Vec<Vec<u
     let watched: Vec<Vec<(usize, [i8; INPUTS])>> = (0..WORLDS)
         .into_par_iter()
         .map(|world| {
-            let key = WorldKey {
-                seed: identity.seed,
-                purpose: Purpose::Training,
-                world: FIRST_WORLD + world,
-            };
             let mut scenario = scenario.clone();
             let (least, most) = (actors.form.min_vehicles, actors.form.max_vehicles);
             scenario.cell.vehicles = least + ((u64::from(most - least) * world) / (WORLDS - 1)) as u32;
-            let mobility = Mobility::new(&MobilitySource::Grid, &scenario, &key);
-            let mut cell = Cell::new(&scenario, mobility, &key);
+            let worlds = FIRST_WORLD + world..FIRST_WORLD + world + 1;
+            let source = &MobilitySource::Grid;
+            let mut environment =
+                Environment::new(&scenario, source, identity.seed, Purpose::Training, worlds);
             let mut inputs = Vec::new();
-            watch_inputs(&mut cell, actors, setting, SLOTS, |vehicle, input| {
+            watch_inputs(&mut environment, actors, setting, SLOTS, |vehicle, input| {
                 inputs.push((vehicle, input))
             });
             inputs

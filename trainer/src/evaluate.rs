@@ -4,14 +4,15 @@ use crate::distil::{as_float, best_action};
 use crate::laboratory::actors::Actors;
 use crate::laboratory::forms::{ObservationForm, OutputForm};
 use firmware::actor::Actor;
-use firmware::decision::{Decision, PowerPlan};
+use firmware::decision::PowerPlan;
 use firmware::observation::Observation;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 use firmware::units::Level;
-use host_sim::cell::Cell;
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
 use host_sim::policy::Policy;
-use host_sim::stream::{Role, Stream, WorldKey};
+use host_sim::stream::{Role, Stream};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Decisions on which the two forms agree.
@@ -52,8 +53,8 @@ impl Setting {
 pub struct FloatActors<'a> {
     actors: &'a Actors,
     setting: Setting,
-    /// Of exploration; without it every decision is greedy.
-    explore: Option<Stream>,
+    /// Of exploration, one a world; without them every decision is greedy.
+    explore: Vec<Stream>,
     inputs: Vec<f32>,
     /// One table, or one for each vehicle, that is asked too.
     quantised: Vec<Actor<'a>>,
@@ -71,44 +72,56 @@ impl<'a> FloatActors<'a> {
         Self {
             actors,
             setting,
-            explore: None,
+            explore: Vec::new(),
             inputs: vec![0.0; actors.form.observation.length()],
             quantised: tables.iter().cloned().map(Actor::new).collect(),
             agreement,
         }
     }
 
-    /// As in training, with a stream of the world's own.
-    pub fn exploring(actors: &'a Actors, setting: Setting, key: &WorldKey, agreement: &'a Agreement) -> Self {
+    /// As in training, with a stream of each world's own.
+    pub fn exploring(
+        actors: &'a Actors,
+        setting: Setting,
+        environment: &Environment<'_>,
+        agreement: &'a Agreement,
+    ) -> Self {
         Self {
-            explore: Some(key.stream(Role::Policy, u32::MAX)),
+            explore: environment
+                .keys()
+                .iter()
+                .map(|key| key.stream(Role::Policy, u32::MAX))
+                .collect(),
             ..Self::greedy(actors, setting, &[], agreement)
         }
     }
 }
 
 impl Policy for FloatActors<'_> {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
         let Setting {
             required_sinr,
             power_plan,
         } = self.setting;
         let form = self.actors.form;
+        let last = self.quantised.len().saturating_sub(1);
         let (mut same, mut all) = (0, 0);
-        for &vehicle in cell.present() {
-            let Some(measurement) = cell.measurement(vehicle) else {
-                continue;
-            };
-            form.observation
-                .write(&measurement, required_sinr, &mut self.inputs);
-            let outputs = self.actors.network(vehicle).forward(&self.inputs);
-            let explore = self.explore.as_mut();
-            decisions[vehicle] = form.output.decide(&outputs, &measurement, &power_plan, explore);
-            let last = self.quantised.len().saturating_sub(1);
-            if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
-                let observation = Observation::new(&measurement);
-                same += u64::from(best_action(&outputs) == quantised.act(&observation));
-                all += 1;
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
+                form.observation
+                    .write(&measurement, required_sinr, &mut self.inputs);
+                let outputs = self.actors.network(vehicle).forward(&self.inputs);
+                let explore = self.explore.get_mut(world);
+                let decision = form.output.decide(&outputs, &measurement, &power_plan, explore);
+                decisions.set(world, vehicle, decision);
+                if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
+                    let observation = Observation::new(&measurement);
+                    same += u64::from(best_action(&outputs) == quantised.act(&observation));
+                    all += 1;
+                }
             }
         }
         let _ = self.agreement.same.fetch_add(same, Ordering::Relaxed);
@@ -118,49 +131,46 @@ impl Policy for FloatActors<'_> {
 
 /// The firmware's units, each vehicle with a table of its own.
 pub struct OwnTables<'a> {
-    tables: &'a [Table<'a>],
-    key: WorldKey,
+    /// `[world][vehicle]`.
     units: Vec<Unit<'a, Stream>>,
 }
 
 impl<'a> OwnTables<'a> {
-    /// As many tables as there will be vehicles.
-    pub fn new(tables: &'a [Table<'a>], key: WorldKey) -> Self {
-        Self {
-            tables,
-            key,
-            units: Vec::new(),
+    /// As many tables as there are vehicles, or more.
+    pub fn new(tables: &'a [Table<'a>], environment: &Environment<'_>) -> Self {
+        let mut units = Vec::new();
+        for key in environment.keys() {
+            for (vehicle, table) in (0..).zip(&tables[..environment.vehicles()]) {
+                units.push(Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle)));
+            }
         }
+        Self { units }
     }
 }
 
 impl Policy for OwnTables<'_> {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        let (tables, key) = (self.tables, &self.key);
-        if self.units.is_empty() {
-            let back_off = |vehicle| key.stream(Role::BackOff, vehicle);
-            self.units = (0..)
-                .zip(tables)
-                .map(|(vehicle, table)| Unit::new(table.bytes(), back_off(vehicle)))
-                .collect();
-        }
-        for &vehicle in cell.present() {
-            let event = cell
-                .measurement(vehicle)
-                .map_or(Event::Missed(cell.slot()), Event::Measured);
-            if let Some(report) = self.units[vehicle].slot(&event) {
-                decisions[vehicle] = report.decision;
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        for world in 0..environment.worlds() {
+            for &vehicle in environment.present() {
+                let event = environment
+                    .measurement(world, vehicle)
+                    .map_or(Event::Missed(environment.slot()), Event::Measured);
+                let unit = &mut self.units[world * environment.vehicles() + vehicle];
+                if let Some(report) = unit.slot(&event) {
+                    decisions.set(world, vehicle, report.decision);
+                }
             }
         }
     }
 }
 
-/// What the greedy networks see in a world, vehicle by vehicle in every slot, as the firmware encodes it: for calibration.
+/// What the greedy networks see in the worlds of an environment, vehicle by vehicle in every slot, as the firmware encodes it:
+/// for calibration.
 ///
 /// # Panics
 /// If the actors are not of the firmware's form.
 pub fn watch_inputs(
-    cell: &mut Cell<'_>,
+    environment: &mut Environment<'_>,
     actors: &Actors,
     setting: Setting,
     slots: u32,
@@ -170,18 +180,20 @@ pub fn watch_inputs(
         (actors.form.observation, actors.form.output),
         (ObservationForm::Firmware, OutputForm::Actions)
     );
-    let mut decisions = vec![Decision::Silent; cell.vehicles()];
+    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
     for _ in 0..slots {
-        for &vehicle in cell.present() {
-            let Some(measurement) = cell.measurement(vehicle) else {
-                continue;
-            };
-            let observation = Observation::new(&measurement);
-            let input = observation.encode(setting.required_sinr);
-            let action = best_action(&actors.network(vehicle).forward(&as_float(&input)));
-            decisions[vehicle] = setting.power_plan.decision(action, &observation);
-            seen(vehicle, input);
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
+                let observation = Observation::new(&measurement);
+                let input = observation.encode(setting.required_sinr);
+                let action = best_action(&actors.network(vehicle).forward(&as_float(&input)));
+                decisions.set(world, vehicle, setting.power_plan.decision(action, &observation));
+                seen(vehicle, input);
+            }
         }
-        let _outcome = cell.step(&decisions);
+        environment.step(&decisions);
     }
 }

@@ -7,12 +7,13 @@ use crate::laboratory::random;
 use crate::laboratory::state::State;
 use crate::network::{Layer, Network};
 use firmware::decision::Decision;
-use host_sim::cell::Cell;
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
-use host_sim::mobility::{Mobility, MobilitySource};
+use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Stream, WorldKey};
+use host_sim::stream::{Purpose, Stream};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -197,31 +198,35 @@ fn widths(hidden: &[usize]) -> Vec<usize> {
     widths
 }
 
-/// Runs one actor greedily in one world.
-fn watch(scenario: &Scenario, network: &Network, key: &WorldKey, slots: u32) -> Watched {
+/// Runs one actor greedily in these worlds.
+fn watch(environment: &mut Environment<'_>, network: &Network, slots: u32) -> Watched {
+    let scenario = environment.scenario();
     let (required, plan) = (scenario.radio.required_level(), power_plan(scenario));
-    let mobility = Mobility::new(&MobilitySource::Grid, scenario, key);
-    let mut cell = Cell::new(scenario, mobility, key);
-    let mut decisions = vec![Decision::Silent; cell.vehicles()];
+    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
     let mut inputs = [0.0; ObservationForm::Firmware.length()];
     let mut watched = Watched::default();
     for _ in 0..slots {
-        for &vehicle in cell.present() {
-            let Some(measurement) = cell.measurement(vehicle) else {
-                continue;
-            };
-            ObservationForm::Firmware.write(&measurement, required, &mut inputs);
-            let outputs = network.forward(&inputs);
-            let decision = OutputForm::Actions.decide(&outputs, &measurement, &plan, None);
-            if let Decision::Transmit { power, .. } = decision {
-                watched.power_mw += libm::exp10(f64::from(power.value()) / 10.0);
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
+                ObservationForm::Firmware.write(&measurement, required, &mut inputs);
+                let outputs = network.forward(&inputs);
+                let decision = OutputForm::Actions.decide(&outputs, &measurement, &plan, None);
+                if let Decision::Transmit { power, .. } = decision {
+                    watched.power_mw += libm::exp10(f64::from(power.value()) / 10.0);
+                }
+                decisions.set(world, vehicle, decision);
             }
-            decisions[vehicle] = decision;
         }
-        watched.successes += cell.step(&decisions).received.len() as f64;
-        for &vehicle in cell.present() {
-            watched.age += f64::from(cell.age(vehicle).slots());
-            watched.vehicle_slots += 1.0;
+        environment.step(&decisions);
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                watched.successes += f64::from(u8::from(environment.received(world, vehicle)));
+                watched.age += f64::from(environment.age(world, vehicle).slots());
+                watched.vehicle_slots += 1.0;
+            }
         }
     }
     watched
@@ -248,16 +253,20 @@ impl Learner for EvolutionLearner {
         let widths = widths(&self.evolution.hidden);
         let mut stream = random::episode(self.seed, self.done, 0);
         let samples: Vec<Vec<f32>> = (0..population).map(|_| self.search.draw(&mut stream)).collect();
+        // The same worlds for all.
+        let first = random::world(self.seed, self.done, worlds, 0).world;
         let watched: Vec<Watched> = samples
             .par_iter()
             .map(|sample| {
                 let network = network(&widths, sample);
-                let mut sum = Watched::default();
-                for index in 0..worlds {
-                    let key = random::world(self.seed, self.done, worlds, index);
-                    sum.add(&watch(&self.scenario, &network, &key, slots));
-                }
-                sum
+                let mut environment = Environment::new(
+                    &self.scenario,
+                    &MobilitySource::Grid,
+                    self.seed,
+                    Purpose::Training,
+                    first..first + worlds,
+                );
+                watch(&mut environment, &network, slots)
             })
             .collect();
         let scores: Vec<f64> = watched.iter().map(|sum| -sum.age / sum.vehicle_slots).collect();

@@ -224,6 +224,18 @@ fn a_trained_run_is_evaluated_and_exported() {
 }
 
 #[test]
+fn the_plans_that_come_with_the_program_are_valid() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("studies");
+    let mut plans = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let plan = trainer::study::Plan::read(&entry.unwrap().path()).unwrap();
+        assert!(plan.evaluation.worlds >= 64, "too few worlds to say anything");
+        plans += 1;
+    }
+    assert!(plans > 0);
+}
+
+#[test]
 fn a_study_gives_the_same_table_whenever_and_however_its_runs_are_done() {
     let folder = tempfile::tempdir().unwrap();
     let plan = folder.path().join("plan.toml");

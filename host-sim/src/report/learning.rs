@@ -5,7 +5,8 @@ use super::csv::Csv;
 use super::files::NamedText;
 use crate::error::{Error, Result};
 
-/// Curves of runs that come with the program; `trainer study --plan trainer/studies/learning.toml` makes them again.
+/// Curves of runs that come with the program. `trainer/studies/learning.toml` says which, and the command that makes them
+/// again.
 const SHIPPED: &str = include_str!("../../data/learning.csv");
 
 /// Columns of the file.

@@ -1,6 +1,6 @@
 //! Preset, file and settings, one laid over the other.
 
-use super::Scenario;
+use super::{Scenario, nearest_key};
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -16,19 +16,21 @@ pub enum Preset {
 }
 
 impl Preset {
-    const fn text(self) -> &'static str {
+    /// The file of the preset: `paper.toml` has every key, the others those that differ from it.
+    pub const fn text(self) -> &'static str {
         match self {
             Self::Paper => include_str!("../../presets/paper.toml"),
             Self::Companion => include_str!("../../presets/companion.toml"),
         }
     }
 
-    /// Its keys.
-    ///
-    /// # Errors
-    /// Never: the presets are TOML.
-    pub fn table(self) -> Result<Table> {
-        parse("preset", self.text())
+    /// Every key with the preset's value.
+    pub fn values(self) -> Table {
+        let mut values = Self::Paper.text().parse().unwrap_or_default();
+        let layer = self.text().parse().unwrap_or_default();
+        let overlaid = overlay(&mut values, layer, "", None, nearest);
+        debug_assert!(overlaid.is_ok(), "{overlaid:?}");
+        values
     }
 }
 
@@ -49,16 +51,16 @@ impl ScenarioSource {
     /// # Errors
     /// [`Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Scenario> {
-        let mut table = self.preset.table()?;
-        lay_over(&mut table, self.file.as_deref(), &self.settings)?;
-        let scenario: Scenario = table.try_into().map_err(|error: toml::de::Error| {
+        let mut table = self.preset.values();
+        lay_over(&mut table, self.file.as_deref(), &self.settings, nearest)?;
+        let scenario: Scenario = table.clone().try_into().map_err(|error: toml::de::Error| {
             let place = self
                 .file
                 .as_deref()
                 .map_or("--set".to_owned(), |path| path.display().to_string());
             Error::input(place, error.message(), "the type that the key has in the preset")
         })?;
-        scenario.check().map_err(|error| self.with_origin(error))?;
+        scenario.check(&table).map_err(|error| self.with_origin(error))?;
         Ok(scenario)
     }
 
@@ -91,18 +93,34 @@ impl ScenarioSource {
     }
 }
 
+/// What to expect instead of an unknown key; it gets the key, and the keys that its table has.
+pub type Suggest = fn(&str, &Table) -> String;
+
+/// The nearest key of a scenario.
+fn nearest(key: &str, _known: &Table) -> String {
+    format!("{}, or another key of `host-sim explain`", nearest_key(key))
+}
+
+/// All keys of the table.
+pub fn siblings(key: &str, known: &Table) -> String {
+    let prefix = key.rfind('.').map_or("", |dot| &key[..=dot]);
+    let known: Vec<_> = known.keys().map(|name| format!("{prefix}{name}")).collect();
+    format!("one of {}", known.join(", "))
+}
+
 /// Lays a file, then `KEY=VALUE` settings over a table that has every key with a value of its type.
 ///
 /// # Errors
 /// [`Error::Input`] names the file and line, the key or the setting.
-pub fn lay_over(base: &mut Table, file: Option<&Path>, settings: &[String]) -> Result<()> {
+pub fn lay_over(base: &mut Table, file: Option<&Path>, settings: &[String], suggest: Suggest) -> Result<()> {
     if let Some(path) = file {
         let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        overlay(base, parse(&path.display().to_string(), &text)?, "", Some(path))?;
+        let layer = parse(&path.display().to_string(), &text)?;
+        overlay(base, layer, "", Some(path), suggest)?;
     }
     settings
         .iter()
-        .try_for_each(|setting| overlay(base, parse_setting(setting)?, "", None))
+        .try_for_each(|setting| overlay(base, parse_setting(setting)?, "", None, suggest))
 }
 
 /// TOML text as a table.
@@ -144,7 +162,13 @@ fn parse_setting(setting: &str) -> Result<Table> {
 ///
 /// # Errors
 /// [`Error::Input`] names the key, and the file if there is one.
-pub fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) -> Result<()> {
+pub fn overlay(
+    base: &mut Table,
+    layer: Table,
+    prefix: &str,
+    file: Option<&Path>,
+    suggest: Suggest,
+) -> Result<()> {
     let place = |key: &str| match file {
         Some(path) => format!("{}: key {key}", path.display()),
         None => format!("--set {key}"),
@@ -152,16 +176,11 @@ pub fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>
     for (name, value) in layer {
         let key = format!("{prefix}{name}");
         if !base.contains_key(&name) {
-            let known: Vec<_> = base.keys().map(|known| format!("{prefix}{known}")).collect();
-            return Err(Error::input(
-                place(&key),
-                "an unknown key",
-                format!("one of {}", known.join(", ")),
-            ));
+            return Err(Error::input(place(&key), "an unknown key", suggest(&key, base)));
         }
         match (base.get_mut(&name), value) {
             (Some(Value::Table(inner)), Value::Table(layer)) => {
-                overlay(inner, layer, &format!("{key}."), file)?
+                overlay(inner, layer, &format!("{key}."), file, suggest)?
             }
             (Some(Value::Table(_)), other) => {
                 return Err(Error::input(
@@ -232,9 +251,10 @@ mod tests {
     #[test]
     fn bad_settings_name_key_and_expectation() {
         let message = |setting: &str| read(&[setting]).unwrap_err().to_string();
-        assert!(message("radio.sub_chanels=3").starts_with(
-            "--set radio.sub_chanels: found an unknown key, expected one of radio.bandwidth_khz"
-        ));
+        assert_eq!(
+            message("radio.sub_chanels=3"),
+            "--set radio.sub_chanels: found an unknown key, expected radio.sub_channels, or another key of `host-sim explain`"
+        );
         assert_eq!(
             message("cell.vehicles"),
             "--set: found \"cell.vehicles\", expected KEY=VALUE"
@@ -245,19 +265,19 @@ mod tests {
         );
         assert_eq!(
             message("cell.vehicles=0"),
-            "cell.vehicles: found 0, expected 1 to 10000"
+            "cell.vehicles: found 0, expected 1 to 10000 vehicles"
         );
         assert_eq!(
             message("radio.bandwidth_khz=nan"),
-            "radio.bandwidth_khz: found NaN, expected a number from 1e-6 to 1e6"
+            "radio.bandwidth_khz: found NaN, expected 1e-6 to 1e6 kHz"
         );
         assert_eq!(
             message("radio.max_power_dbm=inf"),
-            "radio.max_power_dbm: found inf, expected -100 to 100"
+            "radio.max_power_dbm: found inf, expected -100 to 100 dBm"
         );
         assert_eq!(
-            message("radio.sub_channels=4"),
-            "radio.sub_channels: found 4, expected 3"
+            message("radio.sub_channels=201"),
+            "radio.sub_channels: found 201, expected 1 to 200 sub-channels"
         );
         assert_eq!(
             message("radio=4"),

@@ -8,6 +8,7 @@ use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::{parse_table, table_bytes, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
+use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
 use host_sim::report::{PolicyResult, ages};
@@ -70,7 +71,9 @@ pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<Ag
         PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
     }
     check_vehicles(simulation, tables.len())?;
-    let build = |key: &_| -> Box<dyn Policy + '_> { Box::new(OwnTables::new(tables, *key)) };
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(OwnTables::new(tables, environment))
+    };
     Ok(simulation.run(build, |_| ())?.0)
 }
 
@@ -86,7 +89,7 @@ pub fn float(
 ) -> Result<(AgeSummary, Option<f64>)> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |_: &_| -> Box<dyn Policy + '_> {
+    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
         Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
     };
     let (ages, _) = simulation.run(build, |_| ())?;
@@ -100,8 +103,8 @@ pub fn float(
 pub fn exploring(simulation: &Simulation<'_>, actors: &Actors, setting: Setting) -> Result<AgeSummary> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |key: &_| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::exploring(actors, setting, key, &agreement))
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
     };
     Ok(simulation.run(build, |_| ())?.0)
 }
@@ -347,4 +350,68 @@ fn check_widths(folder: &RunFolder, actors: &Actors, table: &Table<'_>) -> Resul
         found,
         format!("{expected:?} as in the table"),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::configuration::{ConfigurationSource, Preset};
+    use host_sim::mobility::MobilitySource;
+    use host_sim::simulation::Extent;
+
+    /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
+    #[test]
+    fn own_actors_that_are_equal_are_one_shared_actor() {
+        let source = ConfigurationSource {
+            preset: Preset::Evolution,
+            file: None,
+            settings: vec!["scenario.cell.vehicles=3".to_owned()],
+        };
+        let identity = RunIdentity::new(1, source.read().unwrap());
+        let mut learner = identity.configuration.learner(1).unwrap();
+        let _metrics = learner.advance();
+        let shared = learner.actors();
+        let own = Actors {
+            networks: vec![shared.networks[0].clone(); 3],
+            ..shared.clone()
+        };
+        let simulation = Simulation {
+            scenario: &identity.configuration.scenario,
+            source: &MobilitySource::Grid,
+            extent: Extent {
+                seed: 1,
+                worlds: 3,
+                slots: 200,
+                warmup: 20,
+            },
+        };
+        let setting = setting(simulation.scenario);
+        let bytes = actor_tables(&identity, &shared).unwrap().remove(0);
+        let table = parse_table(None, &bytes).unwrap();
+        let tables = vec![table.clone(); 3];
+        let ages = [
+            quantised(&simulation, &[table]).unwrap(),
+            quantised(&simulation, &tables).unwrap(),
+        ];
+        assert_eq!(ages[0].mean_ms, ages[1].mean_ms);
+        let (alone, _) = float(&simulation, &shared, setting, &[]).unwrap();
+        let (each, agreement) = float(&simulation, &own, setting, &tables).unwrap();
+        assert_eq!(alone.mean_ms, each.mean_ms);
+        assert!(agreement.unwrap() > 0.9);
+        let ages = [&shared, &own].map(|actors| exploring(&simulation, actors, setting).unwrap().mean_ms);
+        assert_eq!(ages[0], ages[1]);
+        assert_ne!(ages[0], alone.mean_ms);
+        // Each own table is calibrated on what its vehicle sees.
+        assert_eq!(actor_tables(&identity, &own).unwrap().len(), 3);
+
+        let fewer = Actors {
+            networks: own.networks[..2].to_vec(),
+            ..own
+        };
+        let message = float(&simulation, &fewer, setting, &[]).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "vehicles: found 3, expected at most 2, each with an actor of its own"
+        );
+    }
 }

@@ -8,7 +8,7 @@ use crate::evolution::{Evolution, EvolutionLearner};
 use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Maddpg;
 use host_sim::error::{Error, Result};
-use host_sim::scenario::layers::{lay_over, overlay, parse};
+use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
 use host_sim::scenario::{self, Scenario};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -81,11 +81,11 @@ impl Preset {
     fn table(self) -> Result<Table> {
         let mut preset = parse("preset", self.text())?;
         let mut scenario = Table::new();
-        let _none = scenario.insert("scenario".to_owned(), self.scenario().table()?.into());
+        let _none = scenario.insert("scenario".to_owned(), self.scenario().values().into());
         if let Some(changes) = preset.remove("scenario") {
             let mut layer = Table::new();
             let _none = layer.insert("scenario".to_owned(), changes);
-            overlay(&mut scenario, layer, "", None)?;
+            overlay(&mut scenario, layer, "", None, siblings)?;
         }
         preset.extend(scenario);
         Ok(preset)
@@ -137,7 +137,7 @@ impl ConfigurationSource {
             Some(Value::String(name)) => name.clone(),
             _ => String::new(),
         };
-        lay_over(&mut table, self.file.as_deref(), &self.settings)?;
+        lay_over(&mut table, self.file.as_deref(), &self.settings, siblings)?;
         let mut take = |key: &str| table.remove(key).unwrap_or(Value::Boolean(false));
         let asked = take("algorithm");
         if asked.as_str() != Some(&name) {
@@ -147,8 +147,11 @@ impl ConfigurationSource {
                 format!("{name}, the algorithm of the preset"),
             ));
         }
-        let scenario: Scenario = parameters("scenario", take("scenario"))?;
-        scenario.check()?;
+        let values = take("scenario");
+        let scenario: Scenario = parameters("scenario", values.clone())?;
+        if let Value::Table(values) = &values {
+            scenario.check(values)?;
+        }
         let algorithm = Algorithm::read(&name, take(&name))?;
         algorithm.check(&scenario)?;
         Ok(Configuration { scenario, algorithm })

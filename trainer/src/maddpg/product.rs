@@ -245,6 +245,7 @@ impl Tile<'_> {
 
 /// The inner loop. Its sums are its own, so that they stay in registers.
 #[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "three arrays side by side")]
 fn accumulate<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
     start: [[S::f32s; VECTORS]; ROWS],
