@@ -12,14 +12,14 @@ use crate::laboratory::random::initial;
 use host_sim::stream::Stream;
 
 /// Half the distance of the two points of a difference. The functions are f32 inside, so a smaller one drowns in rounding.
-const STEP: f32 = 1e-3;
+const STEP: f32 = 2e-3;
 
 /// The bar of relative error, over all parameters together.
 const MOST: f64 = 1e-3;
 
 /// Slopes to the left and to the right that differ by more than this share of the mean slope lie on two sides of a ReLU's
 /// corner.
-const CORNER: f64 = 1e-2;
+const CORNER: f64 = 2e-2;
 
 /// Compares a gradient with central differences, by the length of the error over that of the gradient. A difference across a
 /// corner says nothing and is left out; not more than a tenth may be.
