@@ -34,4 +34,5 @@ pub mod revision;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;
+pub mod sweep;
 pub mod traffic;

@@ -16,6 +16,9 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Companion];
+
     /// The file of the preset: `paper.toml` has every key, the others those that differ from it.
     pub const fn text(self) -> &'static str {
         match self {

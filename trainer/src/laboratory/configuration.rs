@@ -216,7 +216,7 @@ mod tests {
         );
         assert_eq!(
             message("scenario.cell.vehicles=0"),
-            "cell.vehicles: found 0, expected 1 to 10000"
+            "cell.vehicles: found 0, expected 1 to 10000 vehicles"
         );
         assert_eq!(
             message("evolution.hidden=16"),
