@@ -56,6 +56,8 @@ impl Worlds for TurnsWorlds {
     fn step(&mut self, actions: &[f32], rewards: &mut [f32]) -> Tally {
         let actions: Vec<u8> = actions.iter().map(|&action| action as u8).collect();
         self.0.step(&actions, rewards);
+        // In quarters, as the presets count ages in tens: critics learn values near one.
+        rewards.iter_mut().for_each(|reward| *reward /= 4.0);
         Tally::default()
     }
 }
@@ -79,10 +81,10 @@ fn options(configuration: Configuration) -> Maddpg {
 
 fn toy_options() -> Maddpg {
     Maddpg {
-        episodes: 150,
+        episodes: 400,
         worlds: TOY_WORLDS as u64,
         slots: TOY_SLOTS,
-        actor_hidden: vec![16],
+        actor_hidden: vec![32],
         local_critic_hidden: vec![32],
         global_critic_hidden: vec![32],
         set_hidden: 32,
@@ -93,10 +95,10 @@ fn toy_options() -> Maddpg {
         first_share: 1.0,
         silence_bias: 0.0,
         home_bias: 0.0,
-        actor_learning_rate: 3e-3,
-        critic_learning_rate: 5e-3,
-        entropy: 0.5,
-        last_entropy: 0.02,
+        actor_learning_rate: 5e-3,
+        critic_learning_rate: 1e-2,
+        entropy: 0.1,
+        last_entropy: 0.005,
         gradient_clip: 0.0,
         discount: 0.8,
         n_step: 1,
