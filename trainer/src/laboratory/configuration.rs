@@ -5,6 +5,8 @@
 
 use super::learner::Learner;
 use crate::evolution::{Evolution, EvolutionLearner};
+use crate::maddpg::learner::MaddpgLearner;
+use crate::maddpg::options::Maddpg;
 use host_sim::error::{Error, Result};
 use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
 use host_sim::scenario::{self, Scenario};
@@ -19,6 +21,12 @@ use toml::{Table, Value};
 pub enum Preset {
     /// A search without gradients: a baseline, and the quickest run.
     Evolution,
+    /// The paper's modified MADDPG as printed: an update after every episode.
+    Paper,
+    /// The same with an update in every slot, as the authors' companion code has it.
+    Companion,
+    /// The modified MADDPG made to work with twenty vehicles.
+    Freshlane,
 }
 
 /// A learning algorithm and its parameters.
@@ -27,6 +35,8 @@ pub enum Preset {
 pub enum Algorithm {
     /// Cross-entropy search over the actor's parameters.
     Evolution(Evolution),
+    /// The paper's algorithm and its family.
+    Maddpg(Maddpg),
 }
 
 /// A checked configuration.
@@ -54,13 +64,16 @@ impl Preset {
     const fn text(self) -> &'static str {
         match self {
             Self::Evolution => include_str!("../../presets/evolution.toml"),
+            Self::Paper => include_str!("../../presets/paper.toml"),
+            Self::Companion => include_str!("../../presets/companion.toml"),
+            Self::Freshlane => include_str!("../../presets/freshlane.toml"),
         }
     }
 
     /// The scenario that it starts from.
     const fn scenario(self) -> scenario::Preset {
         match self {
-            Self::Evolution => scenario::Preset::Paper,
+            Self::Evolution | Self::Paper | Self::Companion | Self::Freshlane => scenario::Preset::Paper,
         }
     }
 
@@ -84,6 +97,7 @@ impl Algorithm {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Evolution(_) => "evolution",
+            Self::Maddpg(_) => "maddpg",
         }
     }
 
@@ -91,7 +105,8 @@ impl Algorithm {
     fn read(name: &str, section: Value) -> Result<Self> {
         match name {
             "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
-            other => Err(Error::input("algorithm", other, "evolution")),
+            "maddpg" => Ok(Self::Maddpg(parameters(name, section)?)),
+            other => Err(Error::input("algorithm", other, "evolution or maddpg")),
         }
     }
 
@@ -99,6 +114,7 @@ impl Algorithm {
     fn check(&self, scenario: &Scenario) -> Result<()> {
         match self {
             Self::Evolution(evolution) => evolution.check(scenario),
+            Self::Maddpg(maddpg) => maddpg.check(scenario),
         }
     }
 }
@@ -154,6 +170,7 @@ impl Configuration {
                 evolution.clone(),
                 seed,
             ))),
+            Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgLearner::new(&self.scenario, maddpg, seed))),
         }
     }
 }
