@@ -137,8 +137,8 @@ impl BaseStation {
                 #[inline(always)]
                 || {
                     for &vehicle in present {
-                        let (home, age) = (self.home.row(block, vehicle), ages.row(block, vehicle));
-                        let limit = self.turn_lost_after.row(block, vehicle);
+                        let (home, age) = (*self.home.row(block, vehicle), *ages.row(block, vehicle));
+                        let limit = *self.turn_lost_after.row(block, vehicle);
                         let mut joins = [NO_GROUP; LANES];
                         for lane in 0..LANES {
                             joins[lane] = if age[lane] > limit[lane] {
@@ -148,10 +148,11 @@ impl BaseStation {
                             };
                         }
                         for group in 0..groups {
-                            let count = joiners.row_mut(block, group);
+                            let mut count = *joiners.row(block, group);
                             for lane in 0..LANES {
                                 count[lane] += u16::from(joins[lane] == group as u8);
                             }
+                            *joiners.row_mut(block, group) = count;
                         }
                     }
                 },

@@ -145,6 +145,14 @@ impl<'s> Environment<'s> {
         self.vehicles
     }
 
+    /// The most vehicles at once.
+    pub fn most_vehicles(&self) -> usize {
+        match self.source {
+            MobilitySource::Grid => self.vehicles,
+            MobilitySource::Trace(_) => self.source.most_vehicles(self.scenario),
+        }
+    }
+
     /// How many sub-channels the cell has.
     pub fn sub_channels(&self) -> usize {
         self.scenario.radio.sub_channels as usize

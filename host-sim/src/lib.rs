@@ -25,6 +25,7 @@ pub mod pack;
 pub mod policy;
 pub mod radio;
 pub mod report;
+pub mod revision;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;

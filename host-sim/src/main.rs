@@ -28,6 +28,19 @@ enum Command {
     Hil(command::hil::HilArguments),
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
     Deadline(command::deadline::DeadlineArguments),
+    /// How many slots a second the simulator makes on this machine
+    Bench(command::bench::BenchArguments),
+    /// Write a scenario with every key, unit, range and source, and its JSON schema
+    Init(command::scenario::InitArguments),
+    /// What a scenario's keys mean
+    Explain(command::scenario::ExplainArguments),
+    /// The JSON schema of scenario files
+    Schema,
+    /// Completions for a shell, such as `source <(host-sim completions bash)`
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
 }
 
 fn main() -> ExitCode {
@@ -43,6 +56,11 @@ fn main() -> ExitCode {
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
+        Some(Command::Bench(arguments)) => command::bench::run(&arguments),
+        Some(Command::Init(arguments)) => command::scenario::init(&arguments),
+        Some(Command::Explain(arguments)) => command::scenario::explain(&arguments),
+        Some(Command::Schema) => command::scenario::print_schema(),
+        Some(Command::Completions { shell }) => command::print_completions::<CommandLine>(shell),
     };
     command::finish(outcome)
 }

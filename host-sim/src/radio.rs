@@ -100,21 +100,23 @@ impl Radio {
         for &vehicle in present {
             let (chosen, transmit_power) = decisions.rows(block, vehicle);
             let chosen = widened(chosen);
-            let mut level_db = [0.0; LANES];
+            let mut level_db = [0_u32; LANES];
             for sub_channel in 0..sub_channels {
                 let gain_db = gain_db.row(block, vehicle * sub_channels + sub_channel);
                 for lane in 0..LANES {
-                    let here = chosen[lane] == sub_channel as i32;
-                    level_db[lane] = if here { gain_db[lane] } else { level_db[lane] };
+                    let here = mask(chosen[lane] == sub_channel as i32);
+                    level_db[lane] |= here & gain_db[lane].to_bits();
                 }
             }
-            let power = &mut self.power[vehicle];
+            let mut power = [0.0; LANES];
+            let transmit_power = *transmit_power;
             for lane in 0..LANES {
                 let reduction_db = self.max_power_dbm - f32::from(transmit_power[lane]) / 256.0;
-                let received = ratio(level_db[lane] - reduction_db);
-                let sends = chosen[lane] != i32::from(SILENT);
-                power[lane] = if sends { received } else { 0.0 };
+                let received = ratio(f32::from_bits(level_db[lane]) - reduction_db);
+                let sends = mask(chosen[lane] != i32::from(SILENT));
+                power[lane] = f32::from_bits(sends & received.to_bits());
             }
+            self.power[vehicle] = power;
             self.others[vehicle] = [0.0; LANES];
         }
         self.sum.fill([0.0; LANES]);
@@ -131,14 +133,17 @@ impl Radio {
     #[inline(always)]
     fn pass(&mut self, block: usize, vehicle: usize, decisions: &Decisions) {
         let chosen = widened(decisions.rows(block, vehicle).0);
-        let (power, others) = (&self.power[vehicle], &mut self.others[vehicle]);
+        let (power, mut others) = (self.power[vehicle], self.others[vehicle]);
         for (sub_channel, sum) in self.sum.iter_mut().enumerate() {
+            let mut now = *sum;
             for lane in 0..LANES {
-                let here = chosen[lane] == sub_channel as i32;
-                others[lane] += if here { sum[lane] } else { 0.0 };
-                sum[lane] += if here { power[lane] } else { 0.0 };
+                let here = mask(chosen[lane] == sub_channel as i32);
+                others[lane] += f32::from_bits(here & now[lane].to_bits());
+                now[lane] += f32::from_bits(here & power[lane].to_bits());
             }
+            *sum = now;
         }
+        self.others[vehicle] = others;
     }
 
     /// Success, and the interference that is reported to every vehicle.
@@ -153,24 +158,28 @@ impl Radio {
         *successes = [0; LANES];
         for &vehicle in present {
             let chosen = widened(decisions.rows(block, vehicle).0);
-            let (power, others) = (&self.power[vehicle], &mut self.others[vehicle]);
-            let received = self.received.row_mut(block, vehicle);
+            let (power, others) = (self.power[vehicle], self.others[vehicle]);
+            let (mut received, mut others_db) = ([0; LANES], [0.0; LANES]);
             for lane in 0..LANES {
                 let heard = power[lane] >= self.required_sinr * (1.0 + others[lane]);
                 received[lane] = u8::from(heard);
-                successes[lane] += u16::from(heard);
             }
-            for others in others.iter_mut() {
-                *others = decibels(1.0 + *others);
+            for lane in 0..LANES {
+                others_db[lane] = decibels(1.0 + others[lane]);
             }
+            for lane in 0..LANES {
+                successes[lane] += u16::from(received[lane]);
+            }
+            *self.received.row_mut(block, vehicle) = received;
             for (sub_channel, total_db) in self.sum.iter().enumerate() {
-                let row = self
-                    .interference_db
-                    .row_mut(block, vehicle * self.sub_channels + sub_channel);
+                let mut row = [0.0; LANES];
                 for lane in 0..LANES {
-                    let here = chosen[lane] == sub_channel as i32;
-                    row[lane] = if here { others[lane] } else { total_db[lane] };
+                    let here = mask(chosen[lane] == sub_channel as i32);
+                    let bits = here & others_db[lane].to_bits() | !here & total_db[lane].to_bits();
+                    row[lane] = f32::from_bits(bits);
                 }
+                let item = vehicle * self.sub_channels + sub_channel;
+                *self.interference_db.row_mut(block, item) = row;
             }
         }
     }
@@ -179,6 +188,12 @@ impl Radio {
 #[inline(always)]
 fn widened(row: &Row<u8>) -> Row<i32> {
     row.map(i32::from)
+}
+
+/// All bits, or none. Values are chosen by masks because the compiler would make branches or masked stores of conditions.
+#[inline(always)]
+fn mask(condition: bool) -> u32 {
+    u32::from(condition).wrapping_neg()
 }
 
 #[cfg(test)]

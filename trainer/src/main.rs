@@ -20,6 +20,11 @@ enum Command {
     Eval(command::eval::EvalArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
     Export(command::export::ExportArguments),
+    /// Completions for a shell, such as `source <(trainer completions bash)`
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
 }
 
 fn main() -> ExitCode {
@@ -31,6 +36,7 @@ fn main() -> ExitCode {
         Command::Distil(arguments) => command::distil::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
+        Command::Completions { shell } => host_sim::command::print_completions::<CommandLine>(shell),
     };
     host_sim::command::finish(outcome)
 }

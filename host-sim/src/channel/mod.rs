@@ -75,19 +75,21 @@ impl<'s> Channel<'s> {
     /// Draws the slot's fast fading: Rayleigh, so the power is exponential with mean 1.
     pub fn fade(&mut self, vectors: Vectors, present: &[usize]) {
         let (gain_db, large_scale_db) = (&mut self.gain_db, &self.large_scale_db);
+        let sub_channels = self.sub_channels;
         for (block, stream) in self.fading_streams.iter_mut().enumerate() {
             vectors.run(
                 #[inline(always)]
                 || {
                     for &vehicle in present {
-                        let mean_db = large_scale_db.row(block, vehicle);
-                        for sub_channel in 0..self.sub_channels {
-                            let words = stream.next_row();
-                            let gain_db = gain_db.row_mut(block, vehicle * self.sub_channels + sub_channel);
+                        let mean_db = *large_scale_db.row(block, vehicle);
+                        for sub_channel in 0..sub_channels {
+                            let words = *stream.next_row();
+                            let mut row = [0.0; LANES];
                             for lane in 0..LANES {
                                 let power = -ln(unit_interval(words[lane]));
-                                gain_db[lane] = mean_db[lane] + decibels(power);
+                                row[lane] = mean_db[lane] + decibels(power);
                             }
+                            *gain_db.row_mut(block, vehicle * sub_channels + sub_channel) = row;
                         }
                     }
                 },

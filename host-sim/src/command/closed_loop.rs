@@ -8,7 +8,8 @@ use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
 use crate::report::chart::{Axis, LineChart, Point, Series};
 use crate::report::csv::Csv;
-use crate::report::files::{NamedText, check_folder, write_set};
+use crate::report::files::{NamedText, check_folder, write_set, written};
+use crate::report::pages;
 use crate::report::text_table::{Column, TextTable};
 use crate::say;
 use serde_json::{Value, json};
@@ -32,9 +33,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     let template = "closed loop {bar:40} {pos}/{len} worlds, {eta} left";
     let progress = progress_bar(u64::from(prepared.extent.worlds), template, options.json);
-    let table = prepared.table()?;
+    let actor_table = prepared.table()?;
     let summary = thread_pool(options.threads)?.install(|| {
-        closed_loop(&prepared.simulation(), &prepared.policies, &table, || {
+        closed_loop(&prepared.simulation(), &prepared.policies, &actor_table, || {
             progress.inc(1)
         })
     })?;
@@ -44,15 +45,14 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         say!("{object}");
         return Ok(());
     }
-    let files = files(&prepared, &summary, &object)?;
-    write_set(out, &files)?;
-    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
-    say!(
-        "{}\nWritten to {}: {}.",
-        text(&prepared, &summary),
-        out.display(),
-        names.join(", ")
-    );
+    let table = table(&prepared, &summary);
+    let mut set = files(&prepared, &summary, &object)?;
+    set.push((
+        "loop.html".to_owned(),
+        pages::closed_loop(&prepared, &table, &set)?.render(),
+    ));
+    write_set(out, &set)?;
+    say!("{table}\n{}", written(out, "loop.html", &set));
     Ok(())
 }
 
@@ -91,7 +91,7 @@ fn cells(result: &LoopResult) -> [Cell; 10] {
     ]
 }
 
-fn text(prepared: &PreparedRun, summary: &LoopSummary) -> String {
+fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
     let columns = [
         Column::text("policy"),
         Column::number("mean age", "ms", 2),
@@ -129,7 +129,7 @@ fn text(prepared: &PreparedRun, summary: &LoopSummary) -> String {
             1000.0 * cost
         ));
     }
-    table.to_string()
+    table
 }
 
 fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {

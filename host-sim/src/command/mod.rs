@@ -1,14 +1,17 @@
 //! The command line's sub-commands: each has its options and a `run`.
 
 pub mod assign;
+pub mod bench;
 pub mod closed_loop;
 pub mod deadline;
 pub mod figures;
 pub mod hil;
 pub mod options;
 pub mod run;
+pub mod scenario;
 
 use crate::error::Result;
+use crate::say;
 use clap::error::ErrorKind;
 use std::process::ExitCode;
 
@@ -34,6 +37,19 @@ pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
         eprintln!("{}", line.join(" "));
         ExitCode::from(2)
     })
+}
+
+/// Prints a program's completion script for a shell.
+///
+/// # Errors
+/// None.
+pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -> Result<()> {
+    let mut command = P::command();
+    let name = command.get_name().to_owned();
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, name, &mut script);
+    say!("{}", String::from_utf8_lossy(&script).trim_end());
+    Ok(())
 }
 
 /// Ends a command: an error becomes one line on stderr and exit code 2.

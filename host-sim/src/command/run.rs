@@ -4,7 +4,7 @@ use crate::command::options::{ScenarioArguments, parse_table, progress_bar, tabl
 use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::report::{PolicyResult, ages, files, traffic};
+use crate::report::{PolicyResult, ages, files, pages, traffic};
 use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
@@ -250,6 +250,22 @@ impl PreparedRun {
         })
     }
 
+    /// What moves the vehicles, in a few words.
+    pub fn mobility_name(&self) -> String {
+        match &self.source {
+            MobilitySource::Grid => {
+                let mobility = &self.scenario.mobility;
+                format!(
+                    "urban grid of {} x {} blocks",
+                    mobility.blocks_x, mobility.blocks_y
+                )
+            }
+            MobilitySource::Trace(trace) => {
+                format!("SUMO floating-car data of {} vehicles", trace.vehicle_ids().len())
+            }
+        }
+    }
+
     /// One line on what was simulated.
     pub fn description(&self) -> String {
         let Extent {
@@ -292,16 +308,20 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         return Ok(());
     }
     let (description, bound_ms) = (prepared.description(), prepared.simulation().bound_age_ms());
-    let mut tables = ages::table(&results, &description, bound_ms);
+    let age_table = ages::table(&results, &description, bound_ms);
+    say!("{age_table}");
     let mut set = ages::files(&results, &description, bound_ms)?;
-    if results.iter().any(|result| result.traffic.is_some()) {
-        tables += &format!("\n{}", traffic::table(&results, &prepared.scenario));
+    let has_traffic = results.iter().any(|result| result.traffic.is_some());
+    let traffic_table = has_traffic.then(|| traffic::table(&results, &prepared.scenario));
+    if let Some(table) = &traffic_table {
+        say!("{table}");
         set.push(traffic::csv(&results));
         set.extend(traffic::paper_figures(&prepared.scenario)?);
     }
     set.push(("run.json".to_owned(), format!("{object:#}\n")));
+    let page = pages::run(&prepared, &results, &age_table, traffic_table.as_ref(), &set)?;
+    set.push(("report.html".to_owned(), page.render()));
     files::write_set(out, &set)?;
-    let names: Vec<&str> = set.iter().map(|(name, _)| name.as_str()).collect();
-    say!("{tables}\nWritten to {}: {}.", out.display(), names.join(", "));
+    say!("{}", files::written(out, "report.html", &set));
     Ok(())
 }

@@ -1,10 +1,9 @@
 //! Ratios from dB in single precision that vectorise.
 
+use super::rounding::ROUNDER;
+
 /// log2(10) / 10.
 const OCTAVES_PER_DECIBEL: f32 = 0.332_192_8;
-
-/// Adding and subtracting it rounds to the nearest whole number, ties to even: 1.5 x 2^23.
-const ROUNDER: f32 = 12_582_912.0;
 
 /// The ratio of powers that is `decibels` dB, which are taken to be within -300 and 300.
 ///
@@ -13,14 +12,16 @@ const ROUNDER: f32 = 12_582_912.0;
 /// step of the argument is 9e-7.
 #[inline(always)]
 pub fn ratio(decibels: f32) -> f32 {
-    let octaves = decibels.clamp(-300.0, 300.0) * OCTAVES_PER_DECIBEL;
-    let whole = (octaves + ROUNDER) - ROUNDER;
-    let x = (octaves - whole) * std::f32::consts::LN_2;
+    // Not `clamp`, which checks its bounds.
+    let octaves = decibels.max(-300.0).min(300.0) * OCTAVES_PER_DECIBEL;
+    let shifted = octaves + ROUNDER;
+    let x = (octaves - (shifted - ROUNDER)) * std::f32::consts::LN_2;
     let mut polynomial = 1.0 / 5040.0;
     for coefficient in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
         polynomial = polynomial * x + coefficient;
     }
-    let scale = f32::from_bits((((whole as i32) + 127) << 23) as u32);
+    // The lowest bits of the shifted number are the whole number, and become the exponent.
+    let scale = f32::from_bits(shifted.to_bits().wrapping_add(127) << 23);
     polynomial * scale
 }
 

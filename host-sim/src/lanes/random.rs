@@ -16,6 +16,9 @@ const DOUBLE_ROUNDS: usize = 4;
 /// Words of a block.
 const BLOCK: usize = 16;
 
+/// Lanes that are worked on together: the widest vectors' length.
+const PART: usize = 16;
+
 /// One stream a lane.
 #[derive(Clone, Debug)]
 pub struct LaneStream {
@@ -60,35 +63,37 @@ impl LaneStream {
     #[inline(always)]
     fn next_block(&mut self) {
         let counter = [self.counter as u32, (self.counter >> 32) as u32, 0, 0];
-        for (row, constant) in self.words.iter_mut().zip(CONSTANTS) {
-            *row = [constant; LANES];
-        }
-        self.words[4..12].copy_from_slice(&self.key);
-        for (row, word) in self.words[12..].iter_mut().zip(counter) {
-            *row = [word; LANES];
-        }
-        for _ in 0..DOUBLE_ROUNDS {
-            for [a, b, c, d] in [
-                [0, 4, 8, 12],
-                [1, 5, 9, 13],
-                [2, 6, 10, 14],
-                [3, 7, 11, 15],
-                [0, 5, 10, 15],
-                [1, 6, 11, 12],
-                [2, 7, 8, 13],
-                [3, 4, 9, 14],
-            ] {
-                quarter_round(&mut self.words, a, b, c, d);
+        // Part of a row at a time, so that all sixteen words stay in registers.
+        for part in 0..LANES / PART {
+            let first = part * PART;
+            let mut words = [[0; PART]; BLOCK];
+            for word in 0..4 {
+                words[word] = [CONSTANTS[word]; PART];
+                words[12 + word] = [counter[word]; PART];
+            }
+            for word in 0..8 {
+                words[4 + word].copy_from_slice(&self.key[word][first..first + PART]);
+            }
+            for _ in 0..DOUBLE_ROUNDS {
+                quarter_round::<0, 4, 8, 12>(&mut words);
+                quarter_round::<1, 5, 9, 13>(&mut words);
+                quarter_round::<2, 6, 10, 14>(&mut words);
+                quarter_round::<3, 7, 11, 15>(&mut words);
+                quarter_round::<0, 5, 10, 15>(&mut words);
+                quarter_round::<1, 6, 11, 12>(&mut words);
+                quarter_round::<2, 7, 8, 13>(&mut words);
+                quarter_round::<3, 4, 9, 14>(&mut words);
+            }
+            for (row, words) in self.words.iter_mut().zip(&words) {
+                row[first..first + PART].copy_from_slice(words);
             }
         }
-        for (row, constant) in self.words.iter_mut().zip(CONSTANTS) {
-            add(row, &[constant; LANES]);
+        for word in 0..4 {
+            add(&mut self.words[word], &[CONSTANTS[word]; LANES]);
+            add(&mut self.words[12 + word], &[counter[word]; LANES]);
         }
         for (row, key) in self.words[4..12].iter_mut().zip(&self.key) {
             add(row, key);
-        }
-        for (row, word) in self.words[12..].iter_mut().zip(counter) {
-            add(row, &[word; LANES]);
         }
         self.counter += 1;
         self.used = 0;
@@ -97,25 +102,27 @@ impl LaneStream {
 
 #[inline(always)]
 fn add(row: &mut Row<u32>, other: &Row<u32>) {
-    for (value, other) in row.iter_mut().zip(other) {
-        *value = value.wrapping_add(*other);
+    for lane in 0..LANES {
+        row[lane] = row[lane].wrapping_add(other[lane]);
     }
 }
 
 #[inline(always)]
-fn quarter_round(words: &mut [Row<u32>; BLOCK], a: usize, b: usize, c: usize, d: usize) {
-    for lane in 0..LANES {
-        let (mut x, mut y, mut z, mut w) = (words[a][lane], words[b][lane], words[c][lane], words[d][lane]);
-        x = x.wrapping_add(y);
-        w = (w ^ x).rotate_left(16);
-        z = z.wrapping_add(w);
-        y = (y ^ z).rotate_left(12);
-        x = x.wrapping_add(y);
-        w = (w ^ x).rotate_left(8);
-        z = z.wrapping_add(w);
-        y = (y ^ z).rotate_left(7);
-        (words[a][lane], words[b][lane], words[c][lane], words[d][lane]) = (x, y, z, w);
+fn quarter_round<const A: usize, const B: usize, const C: usize, const D: usize>(
+    words: &mut [[u32; PART]; BLOCK],
+) {
+    let (mut a, mut b, mut c, mut d) = (words[A], words[B], words[C], words[D]);
+    for lane in 0..PART {
+        a[lane] = a[lane].wrapping_add(b[lane]);
+        d[lane] = (d[lane] ^ a[lane]).rotate_left(16);
+        c[lane] = c[lane].wrapping_add(d[lane]);
+        b[lane] = (b[lane] ^ c[lane]).rotate_left(12);
+        a[lane] = a[lane].wrapping_add(b[lane]);
+        d[lane] = (d[lane] ^ a[lane]).rotate_left(8);
+        c[lane] = c[lane].wrapping_add(d[lane]);
+        b[lane] = (b[lane] ^ c[lane]).rotate_left(7);
     }
+    (words[A], words[B], words[C], words[D]) = (a, b, c, d);
 }
 
 /// A word as a number in (0, 1): an odd multiple of 2^-24.

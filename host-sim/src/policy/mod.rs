@@ -1,6 +1,6 @@
 //! Who decides: the firmware's actor, simple baselines, and the central scheduler as the bound in practice.
 
-mod actor;
+pub mod actor;
 mod aloha;
 mod always;
 mod central;
@@ -128,7 +128,7 @@ impl PolicyName {
                 .collect()
         };
         match self {
-            Self::Actor => Box::new(actor::FirmwareActor::new(table, environment)),
+            Self::Actor => actor::build(environment, table),
             Self::Central => Box::new(central::Central::new(scenario)),
             Self::Clock => Box::new(clock::Clock::new(scenario)),
             Self::AgeThreshold => Box::new(aloha::Aloha::from_age(scenario, streams())),

@@ -11,8 +11,8 @@ use crate::report::PolicyResult;
 
 const INTERVALS: &str = "Intervals: 95 %, over worlds.";
 
-/// The table on the terminal.
-pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> String {
+/// The table of ages.
+pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> TextTable<8> {
     let columns = [
         Column::text("policy"),
         Column::number("mean age", "ms", 3),
@@ -41,7 +41,7 @@ pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> Stri
     ]);
     table.note(&format!("{description}."));
     table.note("Central sees every gain and age; the bound is its age on a channel that never fades.");
-    table.to_string()
+    table
 }
 
 /// A policy's row: name, mean age with its interval, median world, 99th percentile, first 100 slots, successes.

@@ -48,6 +48,20 @@ pub fn write_set(folder: &Path, files: &[NamedText]) -> Result<()> {
         .try_for_each(|(file, path)| publish(file, &path))
 }
 
+/// A line on where a set went, and which of its files to open first.
+pub fn written(folder: &Path, first: &str, files: &[NamedText]) -> String {
+    let others = files
+        .iter()
+        .map(|(name, _)| name.as_str())
+        .filter(|name| *name != first);
+    let others: Vec<&str> = others.collect();
+    format!(
+        "Report: {}. Beside it: {}.",
+        folder.join(first).display(),
+        others.join(", ")
+    )
+}
+
 /// A complete temporary file beside `path`; it vanishes unless it is published.
 fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
     let folder = match path.parent() {

@@ -5,7 +5,9 @@ pub mod cell;
 pub mod chart;
 pub mod csv;
 pub mod files;
+pub mod html;
 pub mod output;
+pub mod pages;
 pub mod text_table;
 pub mod traffic;
 

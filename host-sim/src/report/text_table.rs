@@ -37,6 +37,21 @@ impl Column {
         }
     }
 
+    /// The head.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The unit; empty for text and pure numbers.
+    pub fn unit(&self) -> &str {
+        &self.unit
+    }
+
+    /// Whether it holds names, aligned left.
+    pub const fn is_text(&self) -> bool {
+        self.decimals.is_none()
+    }
+
     /// A cell as this column writes it. Counts have no decimals, in whatever column they stand.
     fn written(&self, cell: &Cell) -> String {
         match cell {
@@ -79,6 +94,26 @@ impl<const COLUMNS: usize> TextTable<COLUMNS> {
             rows: Vec::new(),
             notes: Vec::new(),
         }
+    }
+
+    /// The line above the table; may be empty.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
+    /// The columns.
+    pub const fn columns(&self) -> &[Column; COLUMNS] {
+        &self.columns
+    }
+
+    /// The rows as their columns write them.
+    pub fn rows(&self) -> &[[String; COLUMNS]] {
+        &self.rows
+    }
+
+    /// The lines below the table.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Appends a row.

@@ -17,8 +17,8 @@ use serde_json::{Value, json};
 /// hour. The paper shows four and does not say which; these are chosen so that two pass a volume over capacity of 1.
 const CAPACITY_ERROR_SIXTHS: [f64; 4] = [2.0, 3.0, 4.0, 5.0];
 
-/// The table on the terminal.
-pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
+/// The table of traffic.
+pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {
     let columns = [
         Column::text("policy"),
         Column::number("mean age", "ms", 2),
@@ -42,7 +42,7 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> String {
     );
     table.note("Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives. Most roads");
     table.note("are empty under every policy, which is why V/C is high. `host-sim loop` shows what staleness costs a trip.");
-    table.to_string()
+    table
 }
 
 fn with_traffic(results: &[PolicyResult]) -> impl Iterator<Item = (&PolicyResult, &TrafficSummary)> {

@@ -1,6 +1,6 @@
 //! Preset, file and settings, one laid over the other.
 
-use super::Scenario;
+use super::{Scenario, nearest_key};
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -16,11 +16,21 @@ pub enum Preset {
 }
 
 impl Preset {
-    const fn text(self) -> &'static str {
+    /// The file of the preset: `paper.toml` has every key, the others those that differ from it.
+    pub const fn text(self) -> &'static str {
         match self {
             Self::Paper => include_str!("../../presets/paper.toml"),
             Self::Companion => include_str!("../../presets/companion.toml"),
         }
+    }
+
+    /// Every key with the preset's value.
+    pub fn values(self) -> Table {
+        let mut values = Self::Paper.text().parse().unwrap_or_default();
+        let layer = self.text().parse().unwrap_or_default();
+        let overlaid = overlay(&mut values, layer, "", None);
+        debug_assert!(overlaid.is_ok(), "{overlaid:?}");
+        values
     }
 }
 
@@ -41,7 +51,7 @@ impl ScenarioSource {
     /// # Errors
     /// [`Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Scenario> {
-        let mut table = parse("preset", self.preset.text())?;
+        let mut table = self.preset.values();
         if let Some(path) = &self.file {
             let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
             overlay(
@@ -54,14 +64,14 @@ impl ScenarioSource {
         for setting in &self.settings {
             overlay(&mut table, parse_setting(setting)?, "", None)?;
         }
-        let scenario: Scenario = table.try_into().map_err(|error: toml::de::Error| {
+        let scenario: Scenario = table.clone().try_into().map_err(|error: toml::de::Error| {
             let place = self
                 .file
                 .as_deref()
                 .map_or("--set".to_owned(), |path| path.display().to_string());
             Error::input(place, error.message(), "the type that the key has in the preset")
         })?;
-        scenario.check().map_err(|error| self.with_origin(error))?;
+        scenario.check(&table).map_err(|error| self.with_origin(error))?;
         Ok(scenario)
     }
 
@@ -134,12 +144,8 @@ fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) ->
     for (name, value) in layer {
         let key = format!("{prefix}{name}");
         if !base.contains_key(&name) {
-            let known: Vec<_> = base.keys().map(|known| format!("{prefix}{known}")).collect();
-            return Err(Error::input(
-                place(&key),
-                "an unknown key",
-                format!("one of {}", known.join(", ")),
-            ));
+            let expected = format!("{}, or another key of `host-sim explain`", nearest_key(&key));
+            return Err(Error::input(place(&key), "an unknown key", expected));
         }
         match (base.get_mut(&name), value) {
             (Some(Value::Table(inner)), Value::Table(layer)) => {
@@ -211,9 +217,10 @@ mod tests {
     #[test]
     fn bad_settings_name_key_and_expectation() {
         let message = |setting: &str| read(&[setting]).unwrap_err().to_string();
-        assert!(message("radio.sub_chanels=3").starts_with(
-            "--set radio.sub_chanels: found an unknown key, expected one of radio.bandwidth_khz"
-        ));
+        assert_eq!(
+            message("radio.sub_chanels=3"),
+            "--set radio.sub_chanels: found an unknown key, expected radio.sub_channels, or another key of `host-sim explain`"
+        );
         assert_eq!(
             message("cell.vehicles"),
             "--set: found \"cell.vehicles\", expected KEY=VALUE"
@@ -224,19 +231,19 @@ mod tests {
         );
         assert_eq!(
             message("cell.vehicles=0"),
-            "cell.vehicles: found 0, expected 1 to 10000"
+            "cell.vehicles: found 0, expected 1 to 10000 vehicles"
         );
         assert_eq!(
             message("radio.bandwidth_khz=nan"),
-            "radio.bandwidth_khz: found NaN, expected a number from 1e-6 to 1e6"
+            "radio.bandwidth_khz: found NaN, expected 1e-6 to 1e6 kHz"
         );
         assert_eq!(
             message("radio.max_power_dbm=inf"),
-            "radio.max_power_dbm: found inf, expected -100 to 100"
+            "radio.max_power_dbm: found inf, expected -100 to 100 dBm"
         );
         assert_eq!(
-            message("radio.sub_channels=4"),
-            "radio.sub_channels: found 4, expected 3"
+            message("radio.sub_channels=201"),
+            "radio.sub_channels: found 201, expected 1 to 200 sub-channels"
         );
         assert_eq!(
             message("radio=4"),

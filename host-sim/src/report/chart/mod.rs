@@ -8,9 +8,13 @@ mod axis;
 mod bar;
 mod canvas;
 mod line;
+mod map;
+mod occupancy;
 
 pub use bar::{Bar, BarChart};
 pub use line::{LineChart, Point, Series};
+pub use map::MapChart;
+pub use occupancy::{OccupancyChart, OccupancyGroup, SlotUse};
 
 use crate::error::{Error, Result};
 

@@ -1,20 +1,20 @@
-//! The firmware's units, one a vehicle, fed with measurements as on the road.
+//! The firmware's own units, one a vehicle: slow, and able to decide without a measurement.
 
-use super::Policy;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
+use crate::policy::Policy;
 use crate::stream::{Role, Stream};
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 
 /// One [`Unit`] a vehicle, switched on when the vehicle first appears; it stays on while the vehicle is away.
-pub struct FirmwareActor<'t> {
+pub struct Units<'t> {
     table: &'t Table<'t>,
     /// `[world][vehicle]`.
     units: Vec<Option<Unit<'t, Stream>>>,
 }
 
-impl<'t> FirmwareActor<'t> {
+impl<'t> Units<'t> {
     /// Units that run this table.
     pub fn new(table: &'t Table<'t>, environment: &Environment<'_>) -> Self {
         let mut units = Vec::new();
@@ -23,7 +23,7 @@ impl<'t> FirmwareActor<'t> {
     }
 }
 
-impl Policy for FirmwareActor<'_> {
+impl Policy for Units<'_> {
     fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
         for (world, key) in environment.keys().iter().enumerate() {
             for &vehicle in environment.present() {

@@ -1,0 +1,202 @@
+//! The HTML reports of `run` and `loop`.
+
+use super::PolicyResult;
+use super::files::NamedText;
+use super::html::{Block, Page, Section};
+use super::text_table::TextTable;
+use crate::command::run::PreparedRun;
+use crate::error::Result;
+use crate::revision::{own_revision, revision_text};
+use crate::scenario::{KEYS, Preset};
+
+/// The report of `run`. `set` holds its figures by file name.
+///
+/// # Errors
+/// As [`PreparedRun::table`].
+pub fn run(
+    prepared: &PreparedRun,
+    results: &[PolicyResult],
+    ages: &TextTable<8>,
+    traffic: Option<&TextTable<7>>,
+    set: &[NamedText],
+) -> Result<Page> {
+    let figures = |captions: &[(&str, &str)]| figures(set, captions);
+    let mut sections = vec![
+        Section {
+            heading: "Age of information",
+            text: "How old the base station's latest report of a vehicle is, averaged over vehicles and slots. No policy can \
+                   be below the bound."
+                .to_owned(),
+            blocks: [Block::table(ages)].into_iter().chain(figures(&[(
+                "mean_age.svg",
+                "Mean age by policy on a logarithmic scale. A bar's length is the ratio to the bound; whiskers are 95 % \
+                 intervals over worlds.",
+            )])).collect(),
+        },
+        Section {
+            heading: "Over time",
+            text: "All vehicles start unknown, at 100 ms, as after a power cut of the base station.".to_owned(),
+            blocks: figures(&[(
+                "cold_start.svg",
+                "The mean age in every slot from the first on, warm-up included. A good policy sorts the vehicles out \
+                 within some tens of slots.",
+            )]),
+        },
+        Section {
+            heading: "Distribution",
+            text: "A mean hides rare long silences; planners feel them.".to_owned(),
+            blocks: figures(&[(
+                "age_distribution.svg",
+                "How large a part of all vehicle-slots has an older report than the age below. Lower and further left is \
+                 better; the tail comes from vehicles in deep shadow.",
+            )]),
+        },
+        Section {
+            heading: "In the cell",
+            text: "What one world looks like from the base station.".to_owned(),
+            blocks: figures(&[
+                (
+                    "occupancy.svg",
+                    "Each policy's use of the sub-channels in the same slots of one world. Full squares are reports that \
+                     arrived; half ones are collisions, in which nothing did.",
+                ),
+                (
+                    "age_map.svg",
+                    "Mean age by the vehicles' place under the first policy of the table. Far from the antenna and in shadow \
+                     reports fail more often.",
+                ),
+            ]),
+        },
+    ];
+    if let Some(table) = traffic {
+        sections.push(Section {
+            heading: "On the road",
+            text: "The base station plans routes on road capacities that it knows as well as its reports are fresh.".to_owned(),
+            blocks: [Block::table(table)].into_iter().chain(figures(&[
+                (
+                    "volume_over_capacity.svg",
+                    "The paper's figure: every road has the same age, and delta m of its capacity is lost at 100 ms. Above the \
+                     dashed line roads carry more than they can.",
+                ),
+                (
+                    "travel_time.svg",
+                    "The same for travel times. The ages of this report's policies lie where the table above says.",
+                ),
+            ])).collect(),
+        });
+    }
+    // A figure that this run has no data for has no section either.
+    sections.retain(|section| !section.blocks.is_empty());
+    let actor = results.iter().find(|result| result.name == "actor");
+    let bound = prepared.simulation().bound_age_ms();
+    let summary = actor.map_or_else(
+        || "Ages of the chosen policies on the same worlds.".to_owned(),
+        |actor| {
+            format!(
+                "The decentralised actor keeps a vehicle's report {:.2} ms old on average, {:.1} % above what any schedule \
+                 could reach without fading.",
+                actor.ages.mean_ms,
+                100.0 * (actor.ages.mean_ms / bound - 1.0)
+            )
+        },
+    );
+    page("Freshlane: ages of information", summary, prepared, sections)
+}
+
+/// The report of `loop`. `set` holds its figures by file name.
+///
+/// # Errors
+/// As [`PreparedRun::table`].
+pub fn closed_loop<const COLUMNS: usize>(
+    prepared: &PreparedRun,
+    table: &TextTable<COLUMNS>,
+    set: &[NamedText],
+) -> Result<Page> {
+    let captions = [
+        (
+            "loop_regret.svg",
+            "How much longer a trip takes than with full knowledge, plan by plan. The policies differ by how soon the base \
+             station hears of an incident.",
+        ),
+        (
+            "loop_capacity_error.svg",
+            "The mean difference between the capacity that the base station believes and the true one.",
+        ),
+    ];
+    let sections = vec![Section {
+        heading: "From slot to street",
+        text: "Incidents take road capacity, vehicles report them by radio, and the base station plans all routes anew on \
+               what it has heard."
+            .to_owned(),
+        blocks: [Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
+    }];
+    let summary =
+        "What a policy's freshness is worth to a trip, on the same worlds and incidents.".to_owned();
+    page("Freshlane: from slot to street", summary, prepared, sections)
+}
+
+/// The figures that a set holds, with their captions.
+fn figures(set: &[NamedText], captions: &[(&str, &str)]) -> Vec<Block> {
+    let text = |name: &str| set.iter().find(|(known, _)| known == name).map(|(_, text)| text);
+    let found = captions
+        .iter()
+        .filter_map(|(name, caption)| Some((text(name)?, caption)));
+    found.map(|(svg, caption)| Block::figure(svg, caption)).collect()
+}
+
+fn page(title: &str, summary: String, prepared: &PreparedRun, mut sections: Vec<Section>) -> Result<Page> {
+    let table = prepared.table()?;
+    let provenance = table.provenance();
+    let table_name = prepared
+        .table_path
+        .as_ref()
+        .map_or("built into the firmware".to_owned(), |path| {
+            path.display().to_string()
+        });
+    let facts = vec![
+        ("worlds", prepared.description()),
+        ("mobility", prepared.mobility_name()),
+        (
+            "changed keys",
+            changed_keys(prepared).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
+        ),
+        ("program", own_revision()),
+        (
+            "weight table",
+            format!(
+                "{table_name}: {} bytes, seed {}, from sources {}{}",
+                prepared.table.len(),
+                provenance.seed,
+                revision_text(&provenance.revision),
+                if provenance.modified {
+                    " with uncommitted changes"
+                } else {
+                    ""
+                }
+            ),
+        ),
+    ];
+    let scenario = toml::to_string(&prepared.scenario).unwrap_or_default();
+    sections.push(Section {
+        heading: "How to repeat it",
+        text: "The same scenario, table and seed give the same numbers on any machine with any number of threads. Training \
+               never sees the worlds of an evaluation, whatever its seed."
+            .to_owned(),
+        blocks: vec![Block::folded("The whole scenario", &scenario)],
+    });
+    Ok(Page {
+        title: title.to_owned(),
+        summary,
+        facts,
+        sections,
+    })
+}
+
+/// The scenario's keys that differ from the paper's, with their values.
+fn changed_keys(prepared: &PreparedRun) -> Option<String> {
+    let paper = Preset::Paper.values();
+    let values = toml::Table::try_from(&prepared.scenario).ok()?;
+    let changed = KEYS.iter().filter(|key| key.value(&values) != key.value(&paper));
+    let named = changed.filter_map(|key| Some(format!("{} = {}", key.name, key.value(&values)?)));
+    Some(named.collect::<Vec<_>>().join(", ")).filter(|changes| !changes.is_empty())
+}
