@@ -54,16 +54,17 @@ function open() {
   });
   element("policy").replaceChildren(...options);
   element("policy").value = cell.runs[0];
+  element("vehicles").max = cell.about.room;
   say(note);
   remember();
   draw();
 }
 
 function setPolicy(name) {
-  state.policy = name;
   const before = state.cell.runs[0];
   try {
     state.cell.setPolicy(name);
+    state.policy = name;
     if (name !== before) changed(`${before} → ${name}`);
     say("");
   } catch (error) {

@@ -1,20 +1,20 @@
 // Mean ages over slots, and the use of the sub-channels slot by slot.
 
 import { paint, write } from "./canvas.js";
-import { LINES, USES, kindOfUse, scheme, share } from "./colours.js";
+import { LINES, USES, kindOfUse, colour, share } from "./colours.js";
 
 const SHOWN_SLOTS = 2000, SMOOTHED_SLOTS = 25;
 const AGE_TICKS = [1, 2, 5, 10, 20, 50, 100];
 
 /** `marks` are changes by hand: { slot, words }. */
 export function drawAges(canvas, cell, marks) {
-  const colour = scheme(), elapsed = cell.elapsed, first = Math.max(0, elapsed - SHOWN_SLOTS);
+  const elapsed = cell.elapsed, first = Math.max(0, elapsed - SHOWN_SLOTS);
   paint(canvas, (context, width, height) => {
     const plot = { left: 34, right: width - 96, top: 8, bottom: height - 34 };
     const x = (slot) => plot.left + ((slot - first) / SHOWN_SLOTS) * (plot.right - plot.left);
     const y = (age) => plot.bottom - share(age) * (plot.bottom - plot.top);
-    drawAxes(context, plot, x, y, first, colour);
-    drawMarks(context, plot, x, marks.filter(({ slot }) => slot > first), colour);
+    drawAxes(context, plot, x, y, first);
+    drawMarks(context, plot, x, marks.filter(({ slot }) => slot > first));
     const labels = [];
     const bound = cell.bound;
     line(context, [[plot.left, y(bound)], [plot.right, y(bound)]], colour("ink"), [1, 2], 1);
@@ -44,7 +44,7 @@ function smoothed(history, first, elapsed, pixelsPerSlot) {
   return points;
 }
 
-function drawAxes(context, plot, x, y, first, colour) {
+function drawAxes(context, plot, x, y, first) {
   for (const age of AGE_TICKS) {
     line(context, [[plot.left, y(age)], [plot.right, y(age)]], colour("line"), [], 1);
     write(context, String(age), plot.left - 6, y(age), { size: 11, align: "right", colour: colour("quiet") });
@@ -58,7 +58,7 @@ function drawAxes(context, plot, x, y, first, colour) {
   write(context, "ms", plot.left + 4, plot.top + 6, { size: 11, colour: colour("quiet") });
 }
 
-function drawMarks(context, plot, x, marks, colour) {
+function drawMarks(context, plot, x, marks) {
   let row = 0;
   for (const { slot, words } of marks) {
     line(context, [[x(slot), plot.top], [x(slot), plot.bottom]], colour("quiet"), [4, 3], 1);
@@ -90,7 +90,7 @@ function line(context, points, colour, dash, width) {
 const SLOT_WIDTH = 15, ROW_GAP = 4;
 
 export function drawOccupancy(canvas, cell) {
-  const colour = scheme(), elapsed = cell.elapsed, use = cell.occupancy();
+  const elapsed = cell.elapsed, use = cell.occupancy();
   const subChannels = cell.about.scenario.radio.sub_channels;
   paint(canvas, (context, width, height) => {
     const left = 96, bottom = height - 18, row = bottom / subChannels;

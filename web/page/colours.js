@@ -43,8 +43,11 @@ export function kindOfUse({ senders, jammed, received }) {
   return onAir === 1 ? "faded" : "collided";
 }
 
-/** The page's colours as they are now. */
-export function scheme() {
-  const style = getComputedStyle(document.documentElement);
-  return (name) => style.getPropertyValue(`--${name}`).trim();
+const known = new Map();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => known.clear());
+
+/** The colour of this name in style.css, as the visitor's scheme has it now. */
+export function colour(name) {
+  if (!known.has(name)) known.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return known.get(name);
 }

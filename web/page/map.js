@@ -1,7 +1,7 @@
 // The map: streets, base station, vehicles with their ages, and who sent in the last slot.
 
 import { paint, write } from "./canvas.js";
-import { ageColour, scheme, share } from "./colours.js";
+import { ageColour, colour, share } from "./colours.js";
 
 const RADIUS = 9, REACH = 15, MARGIN_M = 8;
 
@@ -27,20 +27,20 @@ export function find(canvas, scenario, vehicles, x, y) {
 }
 
 export function drawMap(canvas, scenario, vehicles, selected) {
-  const colour = scheme(), map = projection(canvas, scenario);
+  const map = projection(canvas, scenario);
   paint(canvas, (context) => {
-    drawStreets(context, scenario, map, colour);
+    drawStreets(context, scenario, map);
     const { base_station_x_m: bx, base_station_y_m: by } = scenario.cell;
     const station = [map.x(bx), map.y(by)];
     for (const vehicle of vehicles) {
-      if (vehicle.subChannel >= 0 && !vehicle.jammed) drawRay(context, vehicle, map, station, colour);
+      if (vehicle.subChannel >= 0 && !vehicle.jammed) drawRay(context, vehicle, map, station);
     }
-    drawStation(context, station, colour);
-    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, colour, vehicle.index === selected);
+    drawStation(context, station);
+    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, vehicle.index === selected);
   });
 }
 
-function drawStreets(context, { mobility }, map, colour) {
+function drawStreets(context, { mobility }, map) {
   const half = mobility.lane_width_m * mobility.lanes_per_direction;
   context.fillStyle = colour("street");
   context.fillRect(map.x(0), map.y(map.height), map.scale * map.width, map.scale * map.height);
@@ -55,7 +55,7 @@ function drawStreets(context, { mobility }, map, colour) {
   }
 }
 
-function drawRay(context, vehicle, map, station, colour) {
+function drawRay(context, vehicle, map, station) {
   context.strokeStyle = colour(vehicle.received ? "received" : "collided");
   context.setLineDash(vehicle.received ? [] : [3, 4]);
   context.lineWidth = vehicle.received ? 2 : 1.5;
@@ -66,7 +66,7 @@ function drawRay(context, vehicle, map, station, colour) {
   context.setLineDash([]);
 }
 
-function drawStation(context, [x, y], colour) {
+function drawStation(context, [x, y]) {
   context.fillStyle = colour("panel");
   context.strokeStyle = colour("ink");
   context.lineWidth = 2;
@@ -88,7 +88,7 @@ function drawStation(context, [x, y], colour) {
   write(context, "base station", x + 16, y - 4, { size: 11, colour: colour("quiet") });
 }
 
-function drawVehicle(context, vehicle, map, colour, selected) {
+function drawVehicle(context, vehicle, map, selected) {
   const [x, y] = [map.x(vehicle.x), map.y(vehicle.y)], age = ageColour(vehicle.age);
   const ring = (radius, name, width) => {
     context.strokeStyle = colour(name);
@@ -115,7 +115,6 @@ function drawVehicle(context, vehicle, map, colour, selected) {
 }
 
 export function drawScale(canvas) {
-  const colour = scheme();
   paint(canvas, (context, width) => {
     const [left, right] = [2, width - 30];
     for (let x = left; x < right; x += 1) {

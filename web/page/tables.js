@@ -1,6 +1,6 @@
 // What the page says in words and numbers.
 
-import { LINES, USES, scheme } from "./colours.js";
+import { LINES, USES, colour } from "./colours.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -25,7 +25,7 @@ function rows(body, count, create) {
 const number = (value, digits) => (Number.isNaN(value) ? "–" : value.toFixed(digits));
 
 export function showSummaries(cell) {
-  const colour = scheme(), summaries = [...cell.summaries(), { policy: "bound", mean: cell.bound, p99: NaN, received: NaN }];
+  const summaries = [...cell.summaries(), { policy: "bound", mean: cell.bound, p99: NaN, received: NaN }];
   const create = () => {
     const row = make("tr", {}, make("th", { scope: "row" }, make("span", { className: "swatch" }), make("span")));
     row.append(make("td", {}, make("data"), " ms"), make("td"), make("td"));

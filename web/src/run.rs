@@ -1,5 +1,6 @@
 //! One world under one policy.
 
+use firmware::decision::Decision;
 use firmware::table::Table;
 use firmware::units::Age;
 use host_sim::age::{AgeCounter, AgeSummary};
@@ -76,7 +77,7 @@ impl Run {
         if jammed.contains(&true) {
             let mut heard = self.decisions.clone();
             for &vehicle in self.environment.present().iter().filter(|&&vehicle| jammed[vehicle]) {
-                heard.set(0, vehicle, firmware::decision::Decision::Silent);
+                heard.set(0, vehicle, Decision::Silent);
             }
             self.environment.step(&heard);
         } else {

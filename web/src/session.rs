@@ -85,7 +85,7 @@ impl Session {
         let scenario: &Scenario = Box::leak(Box::new(source.read()?));
         let table = host_sim::command::options::parse_table(None, firmware::tables::DISTILLED)?;
         let table: &Table<'_> = Box::leak(Box::new(table));
-        let room = usize::from(table.max_vehicles());
+        let room = usize::from(table.max_vehicles()).min(usize::from(NOBODY));
         if scenario.cell.vehicles as usize > room {
             let expected = format!("at most {room} on this page");
             return Err(Error::input("cell.vehicles", scenario.cell.vehicles, expected));
