@@ -185,7 +185,7 @@ function showTexts() {
   showVehicles(state.vehicles, jam);
   describeSelected();
   const speed = SLOTS_PER_FRAME[element("speed").value];
-  const pace = speed < 1 ? `1 slot in ${Math.round(1 / speed)} frames` : `${speed} slot${speed > 1 ? "s" : ""} a frame`;
+  const pace = speed < 1 ? `1 slot/${Math.round(1 / speed)} frames` : `${speed} slot${speed > 1 ? "s" : ""}/frame`;
   setText(element("speed-text"), pace);
   element("speed").setAttribute("aria-valuetext", pace);
   setText(element("vehicles-text"), element("vehicles").value);

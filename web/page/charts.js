@@ -10,14 +10,14 @@ const AGE_TICKS = [1, 2, 5, 10, 20, 50, 100];
 export function drawAges(canvas, cell, marks) {
   const elapsed = cell.elapsed, first = Math.max(0, elapsed - SHOWN_SLOTS);
   paint(canvas, (context, width, height) => {
-    const plot = { left: 34, right: width - 96, top: 8, bottom: height - 34 };
+    const plot = { left: 48, right: width - 96, top: 8, bottom: height - 34 };
     const x = (slot) => plot.left + ((slot - first) / SHOWN_SLOTS) * (plot.right - plot.left);
     const y = (age) => plot.bottom - share(age) * (plot.bottom - plot.top);
     drawAxes(context, plot, x, y, first);
     drawMarks(context, plot, x, marks.filter(({ slot }) => slot > first));
     const labels = [];
     const bound = cell.bound;
-    line(context, [[plot.left, y(bound)], [plot.right, y(bound)]], colour("ink"), [1, 2], 1);
+    line(context, [[plot.left, y(bound)], [x(elapsed), y(bound)]], colour("ink"), [1, 2], 1);
     labels.push({ y: y(bound), words: "bound", colour: colour("ink") });
     // The policy in charge comes last, on top of the others.
     for (let run = cell.runs.length - 1; run >= 0; run -= 1) {
@@ -47,7 +47,8 @@ function smoothed(history, first, elapsed, pixelsPerSlot) {
 function drawAxes(context, plot, x, y, first) {
   for (const age of AGE_TICKS) {
     line(context, [[plot.left, y(age)], [plot.right, y(age)]], colour("line"), [], 1);
-    write(context, String(age), plot.left - 6, y(age), { size: 11, align: "right", colour: colour("quiet") });
+    const words = age === AGE_TICKS.at(-1) ? `${age} ms` : String(age);
+    write(context, words, plot.left - 6, y(age), { size: 11, align: "right", colour: colour("quiet") });
   }
   for (let slot = Math.ceil(first / 500) * 500; slot <= first + SHOWN_SLOTS; slot += 500) {
     const words = slot.toLocaleString("en");
@@ -55,7 +56,6 @@ function drawAxes(context, plot, x, y, first) {
   }
   const middle = (plot.left + plot.right) / 2;
   write(context, "slot (ms)", middle, plot.bottom + 27, { size: 11, align: "center", colour: colour("quiet") });
-  write(context, "ms", plot.left + 4, plot.top + 6, { size: 11, colour: colour("quiet") });
 }
 
 function drawMarks(context, plot, x, marks) {
@@ -93,7 +93,7 @@ export function drawOccupancy(canvas, cell) {
   const elapsed = cell.elapsed, use = cell.occupancy();
   const subChannels = cell.about.scenario.radio.sub_channels;
   paint(canvas, (context, width, height) => {
-    const left = 96, bottom = height - 18, row = bottom / subChannels;
+    const left = 96, row = height / subChannels;
     const shown = Math.min(Math.floor((width - left) / SLOT_WIDTH), cell.about.layout.occupancy_slots);
     for (let n = 0; n < subChannels; n += 1) {
       const floor = (n + 1) * row - ROW_GAP;
@@ -112,7 +112,5 @@ export function drawOccupancy(canvas, cell) {
         }
       }
     }
-    const note = `the last ${shown} slots; numbers say which vehicle was received`;
-    write(context, note, left, height - 6, { size: 11, colour: colour("quiet") });
   });
 }

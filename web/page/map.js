@@ -3,7 +3,7 @@
 import { paint, write } from "./canvas.js";
 import { ageColour, colour, share } from "./colours.js";
 
-const RADIUS = 9, REACH = 15, MARGIN_M = 8;
+const RADIUS = 9, REACH = 15, MARGIN_M = 20;
 
 /** Where a place in metres lies on the canvas, and back. */
 function projection(canvas, { mobility }) {

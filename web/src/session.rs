@@ -83,7 +83,8 @@ impl Session {
             ..ScenarioSource::default()
         };
         let scenario: &Scenario = Box::leak(Box::new(source.read()?));
-        let table = host_sim::command::options::parse_table(None, firmware::tables::DISTILLED)?;
+        let table = Table::parse(firmware::tables::DISTILLED)
+            .map_err(|error| Error::input("built-in table", error, "a table"))?;
         let table: &Table<'_> = Box::leak(Box::new(table));
         let room = usize::from(table.max_vehicles()).min(usize::from(NOBODY));
         if scenario.cell.vehicles as usize > room {
