@@ -4,7 +4,7 @@ use crate::command::options::{ScenarioArguments, parse_table, progress_bar, tabl
 use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::report::{PolicyResult, ages, files, pages, traffic};
+use crate::report::{PolicyResult, ages, cell_figures, files, pages, traffic};
 use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
@@ -311,6 +311,12 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let age_table = ages::table(&results, &description, bound_ms);
     say!("{age_table}");
     let mut set = ages::files(&results, &description, bound_ms)?;
+    let table = prepared.table()?;
+    set.extend(cell_figures::files(
+        &prepared.simulation(),
+        &prepared.policies,
+        &table,
+    )?);
     let has_traffic = results.iter().any(|result| result.traffic.is_some());
     let traffic_table = has_traffic.then(|| traffic::table(&results, &prepared.scenario));
     if let Some(table) = &traffic_table {

@@ -2,6 +2,7 @@
 
 pub mod ages;
 pub mod cell;
+pub mod cell_figures;
 pub mod chart;
 pub mod csv;
 pub mod files;
