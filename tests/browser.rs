@@ -39,7 +39,9 @@ fn command_line(policy: PolicyName) -> AgeSummary {
 }
 
 fn mean_age_ms(page: &Page, run: usize) -> f64 {
-    let text = page.value(&format!("document.querySelector('data[data-run=\"{run}\"]').value"));
+    let text = page.value(&format!(
+        "document.querySelector('data[data-run=\"{run}\"]').value"
+    ));
     text.as_str().unwrap().parse().unwrap()
 }
 
@@ -49,7 +51,11 @@ fn elapsed(page: &Page) -> u64 {
 }
 
 fn assert_nothing_went_wrong(page: &Page) {
-    assert_eq!(page.complaints(), Vec::<String>::new(), "the console is not empty");
+    assert_eq!(
+        page.complaints(),
+        Vec::<String>::new(),
+        "the console is not empty"
+    );
     let own = page.value("location.origin");
     let foreign = |url: &String| !url.starts_with(own.as_str().unwrap()) && !url.starts_with("data:");
     let foreign: Vec<_> = page.requests().into_iter().filter(foreign).collect();
@@ -61,7 +67,9 @@ fn assert_nothing_went_wrong(page: &Page) {
 fn the_page_has_the_command_line_s_numbers_and_policies_take_over_while_it_runs() {
     let until = WARMUP + SLOTS;
     let page = open(&format!("#seed={SEED}&speed=9&until={until}"));
-    page.wait_for(&format!("document.getElementById('cell').dataset.elapsed == {until}"));
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed == {until}"
+    ));
     page.wait_for("document.getElementById('cell').dataset.state === 'paused'");
     let shown = [
         PolicyName::Actor,
@@ -71,14 +79,22 @@ fn the_page_has_the_command_line_s_numbers_and_policies_take_over_while_it_runs(
     ];
     for (run, policy) in shown.into_iter().enumerate() {
         let expected = command_line(policy).mean_ms;
-        assert_eq!(mean_age_ms(&page, run).to_bits(), expected.to_bits(), "{}", policy.name());
+        assert_eq!(
+            mean_age_ms(&page, run).to_bits(),
+            expected.to_bits(),
+            "{}",
+            policy.name()
+        );
     }
     let actor = mean_age_ms(&page, 0);
     assert!(actor < 5.0, "{actor} ms");
 
     page.set("policy", "aloha");
     let _ = page.value("document.getElementById('play').click()");
-    page.wait_for(&format!("document.getElementById('cell').dataset.elapsed > {}", until + 2 * WARMUP));
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed > {}",
+        until + 2 * WARMUP
+    ));
     let aloha = mean_age_ms(&page, 0);
     assert!(aloha > 2.0 * actor, "{actor} ms, then {aloha} ms");
     assert_nothing_went_wrong(&page);
@@ -108,7 +124,11 @@ fn it_paints_at_once_and_stays_smooth() {
 #[test]
 fn vehicles_join_and_are_jammed_by_mouse_and_keyboard() {
     let page = open("#speed=8");
-    let count = || page.value("document.querySelectorAll('#vehicle-rows tr').length").as_u64().unwrap();
+    let count = || {
+        page.value("document.querySelectorAll('#vehicle-rows tr').length")
+            .as_u64()
+            .unwrap()
+    };
     let _ = page.value("document.getElementById('vehicle-table').open = true");
     page.wait_for("document.querySelectorAll('#vehicle-rows tr').length === 20");
 
@@ -123,7 +143,10 @@ fn vehicles_join_and_are_jammed_by_mouse_and_keyboard() {
     page.wait_for(clicked);
     let before = count();
     page.press("a");
-    page.wait_for(&format!("document.querySelectorAll('#vehicle-rows tr').length === {}", before + 1));
+    page.wait_for(&format!(
+        "document.querySelectorAll('#vehicle-rows tr').length === {}",
+        before + 1
+    ));
 
     let _ = page.value("document.getElementById('map').focus()");
     page.press("ArrowRight");
@@ -132,22 +155,36 @@ fn vehicles_join_and_are_jammed_by_mouse_and_keyboard() {
     page.wait_for(&format!("{} === 'Free'", cell(5)));
     page.wait_for(&format!("{} === '100 ms'", cell(2)));
     page.press("Enter");
-    page.wait_for(&format!("{} === 'Jam' && Number.parseInt({}) < 50", cell(5), cell(2)));
+    page.wait_for(&format!(
+        "{} === 'Jam' && Number.parseInt({}) < 50",
+        cell(5),
+        cell(2)
+    ));
     page.press(" ");
     page.wait_for("document.getElementById('cell').dataset.state === 'paused'");
     let paused = elapsed(&page);
     page.press("s");
-    page.wait_for(&format!("document.getElementById('cell').dataset.elapsed == {}", paused + 1));
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed == {}",
+        paused + 1
+    ));
     assert_nothing_went_wrong(&page);
 }
 
 #[test]
 fn any_setting_leaves_a_running_cell() {
     let page = open("#policy=nonsense&vehicles=1000&c-min=x&seed=-1&speed=99&until=-5");
-    let message = || page.value("document.getElementById('message').textContent").as_str().unwrap().to_owned();
+    let message = || {
+        page.value("document.getElementById('message').textContent")
+            .as_str()
+            .unwrap()
+            .to_owned()
+    };
     let runs = || {
         let before = elapsed(&page);
-        page.wait_for(&format!("document.getElementById('cell').dataset.elapsed != {before}"));
+        page.wait_for(&format!(
+            "document.getElementById('cell').dataset.elapsed != {before}"
+        ));
     };
     runs();
     page.set("seed", "1");
@@ -165,9 +202,17 @@ fn any_setting_leaves_a_running_cell() {
         runs();
     }
     page.set("policy", "actor");
-    assert!(message().contains("radio.min_spectral_efficiency"), "{}", message());
+    assert!(
+        message().contains("radio.min_spectral_efficiency"),
+        "{}",
+        message()
+    );
     page.set("seed", "many");
-    assert!(message().contains("expected a whole number from 0 to 18446744073709551615"), "{}", message());
+    assert!(
+        message().contains("expected a whole number from 0 to 18446744073709551615"),
+        "{}",
+        message()
+    );
     runs();
     assert_nothing_went_wrong(&page);
 }

@@ -89,7 +89,11 @@ impl Page {
             _browser: browser,
         };
         page.listen();
-        page.tab.navigate_to(address).unwrap().wait_until_navigated().unwrap();
+        page.tab
+            .navigate_to(address)
+            .unwrap()
+            .wait_until_navigated()
+            .unwrap();
         page
     }
 
@@ -131,7 +135,9 @@ impl Page {
         let text = format!("(async () => JSON.stringify(await ({expression})) ?? 'null')()");
         let answer = self.tab.evaluate(&text, true);
         let object = answer.unwrap_or_else(|error| panic!("{expression}: {error}"));
-        let text = object.value.unwrap_or_else(|| panic!("{expression}: {:?}", object.description));
+        let text = object
+            .value
+            .unwrap_or_else(|| panic!("{expression}: {:?}", object.description));
         serde_json::from_str(text.as_str().unwrap()).unwrap()
     }
 
@@ -142,7 +148,11 @@ impl Page {
     pub fn wait_for(&self, expression: &str) {
         let begin = Instant::now();
         while self.value(&format!("Boolean({expression})")) != Value::Bool(true) {
-            assert!(begin.elapsed() < PATIENCE, "never: {expression}\n{:?}", self.complaints());
+            assert!(
+                begin.elapsed() < PATIENCE,
+                "never: {expression}\n{:?}",
+                self.complaints()
+            );
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -168,7 +178,10 @@ impl Page {
     /// # Panics
     /// If the browser is gone.
     pub fn click(&self, x: f64, y: f64) {
-        let _ = self.tab.click_point(headless_chrome::browser::tab::point::Point { x, y }).unwrap();
+        let _ = self
+            .tab
+            .click_point(headless_chrome::browser::tab::point::Point { x, y })
+            .unwrap();
     }
 
     /// All that the console has shown so far.

@@ -8,7 +8,7 @@ import { setText, showCommand, showLegend, showSummaries, showVehicles } from ".
 const COMPARISONS = ["central", "age-threshold", "aloha"];
 /** What decides where the network does not serve: the rules that it was distilled from. */
 const STAND_IN = "clock";
-const SLOTS_PER_FRAME = [1 / 30, 1 / 10, 1 / 4, 1, 3, 8, 17, 40, 80, 160, 320];
+const SLOTS_PER_FRAME = [1 / 30, 1 / 10, 1 / 4, 1, 2, 4, 8, 17, 40, 80];
 /** Time of a frame that slots may take, so that the picture stays smooth on a slow machine. */
 const SLOTS_MS = 18;
 const TEXTS_EVERY_MS = 125;
@@ -185,9 +185,9 @@ function showTexts() {
   showVehicles(state.vehicles, jam);
   describeSelected();
   const speed = SLOTS_PER_FRAME[element("speed").value];
-  const pace = speed < 1 ? `1 slot/${Math.round(1 / speed)} frames` : `${speed} slot${speed > 1 ? "s" : ""}/frame`;
-  setText(element("speed-text"), pace);
-  element("speed").setAttribute("aria-valuetext", pace);
+  const pace = speed < 1 ? `1/${Math.round(1 / speed)}` : String(speed);
+  setText(element("speed-text"), `${pace} slots/frame`);
+  element("speed").setAttribute("aria-valuetext", `${pace} slots a frame`);
   setText(element("vehicles-text"), element("vehicles").value);
   setText(element("c-min-text"), `${element("c-min").value} bit/s/Hz`);
 }

@@ -22,13 +22,13 @@ function rows(body, count, create) {
   return [...body.rows];
 }
 
-const number = (value, digits) => (Number.isNaN(value) ? "–" : value.toFixed(digits));
+const number = (value, digits, unit = "") => (Number.isNaN(value) ? "–" : value.toFixed(digits) + unit);
 
 export function showSummaries(cell) {
   const summaries = [...cell.summaries(), { policy: "bound", mean: cell.bound, p99: NaN, received: NaN }];
   const create = () => {
     const row = make("tr", {}, make("th", { scope: "row" }, make("span", { className: "swatch" }), make("span")));
-    row.append(make("td", {}, make("data"), " ms"), make("td"), make("td"));
+    row.append(make("td", {}, make("data")), make("td"), make("td"));
     return row;
   };
   rows(element("summaries"), summaries.length, create).forEach((row, index) => {
@@ -40,8 +40,8 @@ export function showSummaries(cell) {
     const data = row.cells[1].firstElementChild;
     Object.assign(row.dataset, { policy, run: bound ? "bound" : index });
     data.value = String(mean);
-    setText(data, number(mean, 2));
-    setText(row.cells[2], bound ? "" : `${number(p99, 0)} ms`);
+    setText(data, number(mean, 2, " ms"));
+    setText(row.cells[2], bound ? "" : number(p99, 0, " ms"));
     setText(row.cells[3], bound ? "" : number(received, 3));
   });
   const { elapsed, countFrom } = cell, grouped = (slots) => slots.toLocaleString("en");

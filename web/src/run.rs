@@ -76,7 +76,12 @@ impl Run {
         self.policy.decide(&self.environment, &mut self.decisions);
         if jammed.contains(&true) {
             let mut heard = self.decisions.clone();
-            for &vehicle in self.environment.present().iter().filter(|&&vehicle| jammed[vehicle]) {
+            for &vehicle in self
+                .environment
+                .present()
+                .iter()
+                .filter(|&&vehicle| jammed[vehicle])
+            {
                 heard.set(0, vehicle, Decision::Silent);
             }
             self.environment.step(&heard);
@@ -91,7 +96,10 @@ impl Run {
             environment.ages(),
             environment.successes(),
         );
-        let ages = environment.present().iter().map(|&vehicle| environment.age(0, vehicle));
+        let ages = environment
+            .present()
+            .iter()
+            .map(|&vehicle| environment.age(0, vehicle));
         let sum: u32 = ages.map(|age: Age| u32::from(age.slots())).sum();
         self.history_ms[slot as usize % HISTORY_SLOTS] = sum as f32 / environment.present().len() as f32;
     }

@@ -197,7 +197,10 @@ impl Session {
         if !(x_m.is_finite() && y_m.is_finite()) {
             return false;
         }
-        let joined = self.runs.iter_mut().fold(true, |joined, run| run.join(x_m, y_m).is_some() && joined);
+        let joined = self
+            .runs
+            .iter_mut()
+            .fold(true, |joined, run| run.join(x_m, y_m).is_some() && joined);
         if joined {
             self.count_anew();
         }
@@ -258,7 +261,8 @@ impl Session {
         let slot_bytes = sub_channels * USE_BYTES;
         let first = slot as usize % OCCUPANCY_SLOTS * slot_bytes;
         let uses = &mut self.occupancy[first..first + slot_bytes];
-        uses.chunks_exact_mut(USE_BYTES).for_each(|bytes| bytes.copy_from_slice(&[0, 0, NOBODY]));
+        uses.chunks_exact_mut(USE_BYTES)
+            .for_each(|bytes| bytes.copy_from_slice(&[0, 0, NOBODY]));
         for &vehicle in environment.present() {
             let Some((sub_channel, _)) = decisions.transmission(0, vehicle) else {
                 continue;

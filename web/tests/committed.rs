@@ -26,7 +26,9 @@ fn the_program_is_built_from_the_sources_beside_it() {
 fn the_page_is_below_two_megabytes_compressed() {
     let mut archive = GzEncoder::new(Vec::new(), Compression::best());
     for entry in fs::read_dir(page()).unwrap() {
-        archive.write_all(&fs::read(entry.unwrap().path()).unwrap()).unwrap();
+        archive
+            .write_all(&fs::read(entry.unwrap().path()).unwrap())
+            .unwrap();
     }
     let bytes = archive.finish().unwrap().len();
     println!("{bytes} bytes compressed");

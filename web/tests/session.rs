@@ -28,9 +28,17 @@ fn what_does_not_fit_is_named() {
         refusal("-1", &[], "actor"),
         "seed: found \"-1\", expected a whole number from 0 to 18446744073709551615"
     );
-    assert_eq!(refusal("1", &["cell.vehicles=73"], "aloha"), "cell.vehicles: found 73, expected at most 72 on this page");
-    assert!(refusal("1", &["radio.min_spectral_efficiency=2"], "actor").starts_with("radio.min_spectral_efficiency: found 2"));
-    assert!(refusal("1", &[], "oracle").starts_with("policy: found \"oracle\", expected one of actor, central"));
+    assert_eq!(
+        refusal("1", &["cell.vehicles=73"], "aloha"),
+        "cell.vehicles: found 73, expected at most 72 on this page"
+    );
+    assert!(
+        refusal("1", &["radio.min_spectral_efficiency=2"], "actor")
+            .starts_with("radio.min_spectral_efficiency: found 2")
+    );
+    assert!(
+        refusal("1", &[], "oracle").starts_with("policy: found \"oracle\", expected one of actor, central")
+    );
 }
 
 #[test]
