@@ -105,19 +105,13 @@ fn it_paints_at_once_and_stays_smooth() {
     let page = open("#vehicles=20");
     let paint = page.value("performance.getEntriesByName('first-contentful-paint')[0].startTime");
     assert!(paint.as_f64().unwrap() < 2000.0, "first paint after {paint} ms");
-    // The best of a few seconds, since other programs may take the machine meanwhile.
-    let second = "new Promise((done) => { const begin = performance.now(); let frames = 0; \
-        const next = () => { frames += 1; if (performance.now() - begin < 1000) requestAnimationFrame(next); else done(frames); }; \
-        requestAnimationFrame(next); })";
-    let mut best = 0.0;
-    for _ in 0..5 {
-        best = page.value(second).as_f64().unwrap().max(best);
-        if best >= 30.0 {
-            break;
-        }
-    }
-    println!("first paint after {paint} ms, {best} frames in a second");
-    assert!(best >= 30.0, "{best} frames/s");
+    // 30 frames a second, if the machine lets the browser.
+    let milliseconds = page.milliseconds_per_frame(60);
+    println!("first paint after {paint} ms, {milliseconds:.1} ms of processor time a frame");
+    assert!(
+        (0.1..1000.0 / 30.0).contains(&milliseconds),
+        "{milliseconds} ms a frame"
+    );
     assert_nothing_went_wrong(&page);
 }
 

@@ -1,7 +1,7 @@
 //! The page in a real browser: a file server on the loopback interface and a headless Chromium that looks at it.
 
-use headless_chrome::protocol::cdp::Network;
 use headless_chrome::protocol::cdp::types::Event;
+use headless_chrome::protocol::cdp::{Network, Performance};
 use headless_chrome::{Browser, LaunchOptions, Tab};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
@@ -182,6 +182,32 @@ impl Page {
             .tab
             .click_point(headless_chrome::browser::tab::point::Point { x, y })
             .unwrap();
+    }
+
+    /// Processor time of the page's own thread for each frame, in ms, over `frames` frames. Unlike their rate it does not depend on
+    /// what else the machine does.
+    ///
+    /// # Panics
+    /// If the browser is gone.
+    pub fn milliseconds_per_frame(&self, frames: u32) -> f64 {
+        let seconds = || {
+            let metrics = self
+                .tab
+                .call_method(Performance::GetMetrics(None))
+                .unwrap()
+                .metrics;
+            let tasks = metrics.into_iter().find(|metric| metric.name == "TaskDuration");
+            tasks.unwrap_or_else(|| panic!("no duration of tasks")).value
+        };
+        let time_domain = Some(Performance::EnableTime_domainOption::ThreadTicks);
+        let _ = self.tab.call_method(Performance::Enable { time_domain }).unwrap();
+        let before = seconds();
+        let _ = self.value(&format!(
+            "new Promise((done) => {{ let left = {frames}; \
+             const next = () => {{ left -= 1; if (left > 0) requestAnimationFrame(next); else done(); }}; \
+             requestAnimationFrame(next); }})"
+        ));
+        1000.0 * (seconds() - before) / f64::from(frames)
     }
 
     /// All that the console has shown so far.

@@ -15,6 +15,11 @@ export function paint(canvas, draw) {
   draw(context, width, height);
 }
 
+const grouping = new Intl.NumberFormat("en");
+
+/** A whole number with its thousands apart. */
+export const grouped = (number) => grouping.format(number);
+
 /** Writes a text; `style` may have size, align, baseline, colour and weight. */
 export function write(context, words, x, y, { size = 12, align = "left", baseline = "middle", colour, weight = "" } = {}) {
   Object.assign(context, { font: `${weight} ${size}px ${FONT}`, textAlign: align, textBaseline: baseline });

@@ -1,6 +1,6 @@
 // Mean ages over slots, and the use of the sub-channels slot by slot.
 
-import { paint, write } from "./canvas.js";
+import { grouped, paint, write } from "./canvas.js";
 import { LINES, USES, kindOfUse, colour, share } from "./colours.js";
 
 const SHOWN_SLOTS = 2000, SMOOTHED_SLOTS = 25;
@@ -51,8 +51,7 @@ function drawAxes(context, plot, x, y, first) {
     write(context, words, plot.left - 6, y(age), { size: 11, align: "right", colour: colour("quiet") });
   }
   for (let slot = Math.ceil(first / 500) * 500; slot <= first + SHOWN_SLOTS; slot += 500) {
-    const words = slot.toLocaleString("en");
-    write(context, words, x(slot), plot.bottom + 12, { size: 11, align: "center", colour: colour("quiet") });
+    write(context, grouped(slot), x(slot), plot.bottom + 12, { size: 11, align: "center", colour: colour("quiet") });
   }
   const middle = (plot.left + plot.right) / 2;
   write(context, "slot (ms)", middle, plot.bottom + 27, { size: 11, align: "center", colour: colour("quiet") });

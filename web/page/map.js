@@ -101,7 +101,7 @@ function drawVehicle(context, vehicle, map, selected) {
   context.beginPath();
   context.arc(x, y, RADIUS, 0, 2 * Math.PI);
   context.fill();
-  ring(RADIUS, vehicle.jammed ? "collided" : "panel", vehicle.jammed ? 3 : 1.25);
+  ring(RADIUS, vehicle.jammed ? "collided" : "rim", vehicle.jammed ? 3 : 1.25);
   if (selected) ring(RADIUS + 4, "ink", 2);
   write(context, String(vehicle.age), x, y + 0.5, { size: vehicle.age > 99 ? 9 : 10.5, align: "center", colour: age.ink, weight: 600 });
   if (vehicle.jammed) {

@@ -1,5 +1,6 @@
 // What the page says in words and numbers.
 
+import { grouped } from "./canvas.js";
 import { LINES, USES, colour } from "./colours.js";
 
 const element = (id) => document.getElementById(id);
@@ -38,13 +39,13 @@ export function showSummaries(cell) {
     swatch.style.borderTopStyle = bound ? "dotted" : LINES[name].dash.length ? "dashed" : "solid";
     setText(words, policy);
     const data = row.cells[1].firstElementChild;
-    Object.assign(row.dataset, { policy, run: bound ? "bound" : index });
+    Object.assign(data.dataset, { policy, run: bound ? "bound" : index });
     data.value = String(mean);
     setText(data, number(mean, 2, " ms"));
     setText(row.cells[2], bound ? "" : number(p99, 0, " ms"));
     setText(row.cells[3], bound ? "" : number(received, 3));
   });
-  const { elapsed, countFrom } = cell, grouped = (slots) => slots.toLocaleString("en");
+  const { elapsed, countFrom } = cell;
   setText(element("counted"), elapsed > countFrom
     ? `Over slots ${grouped(countFrom)} to ${grouped(elapsed)}.`
     : `Ages count from slot ${grouped(countFrom)} on; now ${grouped(elapsed)}.`);
@@ -52,9 +53,9 @@ export function showSummaries(cell) {
 
 export function showCommand(cell, { seed, settings, running, changes }) {
   const counted = cell.elapsed - cell.countFrom, policies = [...new Set(cell.runs)].map((name) => `--policy ${name}`).join(" ");
-  let note = `These print the page’s ${counted.toLocaleString("en")} slots to the last digit:`;
+  let note = `These print the page’s ${grouped(counted)} slots to the last digit:`;
   if (running) note = "Pause: a command for the slots until then stands here.";
-  else if (changes.length > 0) note = `This world was changed by hand in slot ${changes[0].slot.toLocaleString("en")}, which the command line cannot repeat. Start again for one that it can.`;
+  else if (changes.length > 0) note = `This world was changed by hand in slot ${grouped(changes[0].slot)}, which the command line cannot repeat. Start again for one that it can.`;
   else if (counted < 1) note = "Ages do not count yet.";
   const possible = !running && changes.length === 0 && counted >= 1;
   const scenario = settings.map((setting) => `--set ${setting}`).join(" ");
