@@ -38,4 +38,6 @@ pub mod revision;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;
+#[cfg(not(target_family = "wasm"))]
+pub mod sweep;
 pub mod traffic;

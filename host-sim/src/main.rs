@@ -24,6 +24,10 @@ enum Command {
     Assign(command::assign::AssignArguments),
     /// The paper's path-planning figures with their data
     Figures(command::figures::FigureArguments),
+    /// A grid of scenarios, policies and seeds, whole or one shard of it
+    Sweep(command::sweep::SweepArguments),
+    /// The results of all shards as one table
+    Merge(command::merge::MergeArguments),
     /// Images in QEMU as vehicles of the cell
     Hil(command::hil::HilArguments),
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
@@ -54,6 +58,8 @@ fn main() -> ExitCode {
         Some(Command::Loop(arguments)) => command::closed_loop::run(&arguments),
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
+        Some(Command::Sweep(arguments)) => command::sweep::run(&arguments),
+        Some(Command::Merge(arguments)) => command::merge::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
         Some(Command::Bench(arguments)) => command::bench::run(&arguments),

@@ -6,9 +6,11 @@ pub mod closed_loop;
 pub mod deadline;
 pub mod figures;
 pub mod hil;
+pub mod merge;
 pub mod options;
 pub mod run;
 pub mod scenario;
+pub mod sweep;
 
 use crate::error::Result;
 use crate::say;
@@ -26,17 +28,22 @@ pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
             print!("{error}");
             return ExitCode::SUCCESS;
         }
-        let text = error.to_string();
-        let lines = text
-            .lines()
-            .map(str::trim)
-            .take_while(|line| !line.starts_with("Usage:"));
-        let line: Vec<&str> = lines
-            .filter(|line| !line.is_empty() && !line.starts_with("For more"))
-            .collect();
-        eprintln!("{}", line.join(" "));
+        eprintln!("{}", one_line(&error));
         ExitCode::from(2)
     })
+}
+
+/// What is wrong with a command line, in one line.
+pub fn one_line(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let lines = text
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:"));
+    let line: Vec<&str> = lines
+        .filter(|line| !line.is_empty() && !line.starts_with("For more"))
+        .collect();
+    line.join(" ")
 }
 
 /// Prints a program's completion script for a shell.

@@ -34,14 +34,14 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::File`] names the path that cannot be written.
-pub fn write_set(folder: &Path, files: &[NamedText]) -> Result<()> {
+pub fn write_set(folder: &Path, files: &[(String, impl AsRef<[u8]>)]) -> Result<()> {
     let mut staged = Vec::new();
     for (name, contents) in files {
         let path = folder.join(name);
         if path.is_dir() {
             return Err(Error::file(&path, ErrorKind::IsADirectory.into()));
         }
-        staged.push((stage(&path, contents.as_bytes())?, path));
+        staged.push((stage(&path, contents.as_ref())?, path));
     }
     staged
         .into_iter()

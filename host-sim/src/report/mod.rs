@@ -4,11 +4,13 @@ pub mod ages;
 pub mod cell;
 pub mod cell_figures;
 pub mod chart;
+pub mod columns;
 pub mod csv;
 pub mod files;
 pub mod html;
 pub mod output;
 pub mod pages;
+pub mod parquet;
 pub mod text_table;
 pub mod traffic;
 

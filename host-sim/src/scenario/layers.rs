@@ -16,6 +16,9 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Companion];
+
     /// The file of the preset: `paper.toml` has every key, the others those that differ from it.
     pub const fn text(self) -> &'static str {
         match self {
@@ -104,7 +107,8 @@ impl ScenarioSource {
     }
 }
 
-fn parse(place: &str, text: &str) -> Result<Table> {
+/// A TOML text, or the line that is none.
+pub(crate) fn parse(place: &str, text: &str) -> Result<Table> {
     text.parse().map_err(|error: toml::de::Error| {
         let line = error
             .span()

@@ -11,6 +11,7 @@ use firmware::units::Level;
 use serde::{Deserialize, Serialize};
 
 pub use keys::{KEYS, Key, nearest_key, section_meaning};
+pub(crate) use layers::parse as parse_toml;
 pub use layers::{Preset, ScenarioSource};
 
 /// A checked scenario.

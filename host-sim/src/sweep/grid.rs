@@ -1,0 +1,343 @@
+//! A grid file: a scenario in which any value may be a list, and options of `host-sim run` beside it.
+
+use super::axis::{self, Axis, Kind, POLICY, SEED, VEHICLES, text};
+use super::store::checksum;
+use crate::command::run::{PreparedRun, RunOptions};
+use crate::error::{Error, Result};
+use crate::policy::PolicyName;
+use crate::scenario::parse_toml;
+use clap::Parser;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Most points of a grid (chosen: a file each, and a table that any tool still opens).
+pub const MOST_POINTS: usize = 100_000;
+
+/// Written for the table that is built into the firmware, in a list of tables.
+const BUILT_IN: &str = "built-in";
+
+/// All combinations of the values of its axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    path: PathBuf,
+    axes: Vec<Axis>,
+    /// Axes, by index, that move together; the last group changes fastest from point to point.
+    groups: Vec<Vec<usize>>,
+    points: usize,
+}
+
+/// One combination.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Its number in the grid, from 0.
+    pub index: usize,
+    /// By axis: which value.
+    values: Vec<usize>,
+}
+
+/// A point as `host-sim run` reads it.
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    options: RunOptions,
+}
+
+impl Point {
+    /// Which of an axis's values this point has.
+    pub fn value_index(&self, axis: usize) -> usize {
+        self.values[axis]
+    }
+}
+
+impl Grid {
+    /// Reads a grid file. `seeds`, if given, replace its seeds.
+    ///
+    /// # Errors
+    /// Names the file and the line or key: an unknown key (with the nearest one), an empty axis, a value of another type,
+    /// lists that cannot be zipped, or more than [`MOST_POINTS`] points.
+    pub fn read(path: &Path, seeds: Option<&[u64]>) -> Result<Self> {
+        let file = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+        let place = path.display();
+        let mut found = parse_toml(&place.to_string(), &file)?;
+        let zip = found.remove("zip");
+        let known = axis::known()?;
+        let mut values = Table::new();
+        flatten(&known, "", found, &mut values);
+        if let Some(seeds) = seeds {
+            let list = seeds.iter().map(|&seed| Value::Integer(seed.cast_signed()));
+            let _replaced = values.insert(SEED.to_owned(), Value::Array(list.collect()));
+        }
+        if let Some(value) = values.remove("cell.vehicles")
+            && values.insert(VEHICLES.to_owned(), value).is_some()
+        {
+            let found = "both vehicles and cell.vehicles";
+            return Err(Error::input(
+                format!("{place}: key vehicles"),
+                found,
+                "one of them",
+            ));
+        }
+        for (key, default) in [(POLICY, every_policy()), (SEED, Value::Integer(1))] {
+            if !values.contains_key(key) {
+                let _none = values.insert(key.to_owned(), default);
+            }
+        }
+        if let Some(key) = values
+            .keys()
+            .find(|key| known.iter().all(|(name, _)| name != *key))
+        {
+            let expected = format!(
+                "a key of run or of the scenario, such as {}",
+                nearest(key, &known)
+            );
+            return Err(Error::input(
+                format!("{place}: key {key}"),
+                "an unknown key",
+                expected,
+            ));
+        }
+        let mut axes = Vec::new();
+        for (key, kind) in known {
+            if let Some(value) = values.remove(&key) {
+                axes.push(Axis::new(&format!("{place}: key {key}"), &key, kind, value)?);
+            }
+        }
+        let groups = groups(&format!("{place}: key zip"), &axes, zip)?;
+        let points = groups.iter().try_fold(1_usize, |points, group| {
+            points.checked_mul(axes[group[0]].values.len())
+        });
+        let points = match points {
+            Some(points) if points <= MOST_POINTS => points,
+            more => {
+                let found = more.map_or("more points than can be counted".to_owned(), |n| {
+                    format!("{n} points")
+                });
+                return Err(Error::input(place, found, format!("at most {MOST_POINTS}")));
+            }
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            axes,
+            groups,
+            points,
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How many points.
+    pub const fn points(&self) -> usize {
+        self.points
+    }
+
+    /// The axes, in the order in which points count them. An axis of one value is a fixed setting.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// Whether two axes move together, as an axis does with itself.
+    pub fn together(&self, one: usize, other: usize) -> bool {
+        self.groups
+            .iter()
+            .any(|group| group.contains(&one) && group.contains(&other))
+    }
+
+    /// The point of this index, below [`Grid::points`].
+    pub fn point(&self, index: usize) -> Point {
+        let mut values = vec![0; self.axes.len()];
+        let mut rest = index;
+        for group in self.groups.iter().rev() {
+            let length = self.axes[group[0]].values.len();
+            for &axis in group {
+                values[axis] = rest % length;
+            }
+            rest /= length;
+        }
+        Point { index, values }
+    }
+
+    /// The value of an axis, by its index, at a point.
+    pub fn value(&self, point: &Point, axis: usize) -> &Value {
+        &self.axes[axis].values[point.values[axis]]
+    }
+
+    /// Reads and checks a point's input.
+    ///
+    /// # Errors
+    /// What `host-sim run` finds wrong with it, and the point.
+    pub fn prepare(&self, point: &Point) -> Result<PreparedRun> {
+        let options = Line::try_parse_from(self.arguments(point)).map_err(|error| {
+            let message = crate::command::one_line(&error);
+            let found = message.trim_start_matches("error: ").to_owned();
+            Error::input(self.place(point), found, "options of `host-sim run`")
+        })?;
+        options.options.prepare().map_err(|error| match error {
+            Error::Input {
+                place,
+                found,
+                expected,
+            } => Error::input(format!("{}: {place}", self.place(point)), found, expected),
+            file => file,
+        })
+    }
+
+    /// The point as arguments of `host-sim run`.
+    fn arguments(&self, point: &Point) -> Vec<String> {
+        let mut arguments = vec!["run".to_owned()];
+        for (index, axis) in self.axes.iter().enumerate() {
+            let (key, value) = (&axis.key, text(self.value(point, index)));
+            match axis.kind {
+                Kind::File => match self.file(key, &value) {
+                    Some(path) => arguments.push(format!("--{key}={}", path.display())),
+                    None if key == "mobility" => arguments.push(format!("--{key}={value}")),
+                    None => {}
+                },
+                _ if key.contains('.') => arguments.push(format!("--set={key}={value}")),
+                _ => arguments.push(format!("--{key}={value}")),
+            }
+        }
+        arguments
+    }
+
+    /// The file that a value names, if it names one.
+    fn file(&self, key: &str, value: &str) -> Option<PathBuf> {
+        let none = match key {
+            "mobility" => value == "grid",
+            "table" => value == BUILT_IN,
+            _ => false,
+        };
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        (!none).then(|| folder.join(value))
+    }
+
+    /// The point for people: file, number and what changes from point to point.
+    fn place(&self, point: &Point) -> String {
+        let changing = self
+            .axes
+            .iter()
+            .enumerate()
+            .filter(|(_, axis)| axis.values.len() > 1);
+        let values: Vec<String> = changing
+            .map(|(index, axis)| format!("{}={}", axis.key, text(self.value(point, index))))
+            .collect();
+        format!(
+            "{}: point {} ({})",
+            self.path.display(),
+            point.index,
+            values.join(", ")
+        )
+    }
+
+    /// What the results depend on, as hexadecimal digits: every value, the presets, the contents of all files, the built-in
+    /// table, and the program's version. Not the order of lines in the grid's file.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn fingerprint(&self) -> Result<String> {
+        let mut inputs = Vec::new();
+        for axis in self.axes.iter().filter(|axis| axis.kind == Kind::File) {
+            for value in &axis.values {
+                if let Some(path) = self.file(&axis.key, &text(value)) {
+                    let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
+                    inputs.push(checksum(&bytes));
+                }
+            }
+        }
+        let axes: Vec<_> = self.axes.iter().map(|axis| (&axis.key, &axis.values)).collect();
+        let text = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "results": super::outcome::VERSION,
+            "presets": crate::scenario::Preset::ALL.map(|preset| checksum(preset.text().as_bytes())),
+            "built_in_table": checksum(firmware::tables::DISTILLED),
+            "inputs": inputs,
+            "axes": axes,
+            "zip": self.groups,
+        });
+        Ok(checksum(text.to_string().as_bytes()))
+    }
+}
+
+fn every_policy() -> Value {
+    let names = PolicyName::ALL.map(|policy| Value::String(policy.name().to_owned()));
+    Value::Array(names.into())
+}
+
+/// Takes sections apart: `[radio] max_power_dbm = 23` becomes the key `radio.max_power_dbm`.
+fn flatten(known: &[(String, Kind)], prefix: &str, table: Table, flat: &mut Table) {
+    for (name, value) in table {
+        let key = format!("{prefix}{name}");
+        // `mobility` is a section and an option of run; only the section is a table.
+        let is_section = known
+            .iter()
+            .any(|(known, _)| known.starts_with(&format!("{key}.")));
+        match value {
+            Value::Table(section) if is_section => flatten(known, &format!("{key}."), section, flat),
+            value => {
+                let _none = flat.insert(key, value);
+            }
+        }
+    }
+}
+
+/// The known key that takes the fewest edits.
+fn nearest<'k>(key: &str, known: &'k [(String, Kind)]) -> &'k str {
+    let edits = |name: &str| {
+        let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+        // A forgotten or wrong section is one mistake.
+        strsim::damerau_levenshtein(key, name).min(1 + strsim::damerau_levenshtein(&last(key), &last(name)))
+    };
+    known
+        .iter()
+        .map(|(name, _)| name.as_str())
+        .min_by_key(|name| edits(name))
+        .unwrap_or_default()
+}
+
+/// Axes that move together, from `zip = [["table", "radio.max_power_dbm"]]`; every other axis is a group of its own.
+fn groups(place: &str, axes: &[Axis], zip: Option<Value>) -> Result<Vec<Vec<usize>>> {
+    let expected = "lists of keys of this grid, such as [[\"vehicles\", \"worlds\"]]";
+    let lists: Vec<Vec<String>> = match zip {
+        None => Vec::new(),
+        Some(value) => {
+            let shown = value.to_string();
+            value
+                .try_into()
+                .map_err(|_| Error::input(place, shown, expected))?
+        }
+    };
+    let mut group_of: Vec<usize> = (0..axes.len()).collect();
+    let mut zipped = Vec::new();
+    for list in &lists {
+        let mut members = Vec::new();
+        for key in list {
+            let key = if key == "cell.vehicles" { VEHICLES } else { key };
+            let axis = axes.iter().position(|axis| axis.key == key);
+            let axis = axis.ok_or_else(|| Error::input(place, format!("\"{key}\""), expected))?;
+            if zipped.contains(&axis) {
+                return Err(Error::input(place, format!("{key} twice"), "every key once"));
+            }
+            zipped.push(axis);
+            members.push(axis);
+        }
+        let Some(first) = members.iter().copied().min() else {
+            return Err(Error::input(place, "an empty list", expected));
+        };
+        for member in members {
+            let (one, other) = (&axes[first], &axes[member]);
+            if one.values.len() != other.values.len() {
+                let found = format!("{} values of {}", other.values.len(), other.key);
+                let expected = format!("{}, as {} has", one.values.len(), one.key);
+                return Err(Error::input(place, found, expected));
+            }
+            group_of[member] = first;
+        }
+    }
+    Ok((0..axes.len())
+        .map(|first| (0..axes.len()).filter(|&axis| group_of[axis] == first).collect())
+        .filter(|group: &Vec<usize>| !group.is_empty())
+        .collect())
+}
