@@ -249,7 +249,6 @@ impl Session {
     }
 
     fn count_anew(&mut self) {
-        // A world that has not begun is still as the command line would begin it.
         self.count_from = self.elapsed() + WARMUP_SLOTS;
         let from = self.count_from;
         self.runs.iter_mut().for_each(|run| run.count_from(from));
