@@ -1,23 +1,22 @@
 //! The closed loop from slot to street: incidents take capacity, vehicles report it, the base station plans routes on what
 //! it last heard, traffic meets what is true.
 //!
-//! In every slot in which a vehicle is received, the base station learns the true capacity of the block that the vehicle
-//! drives on, in both directions. Of a block without a report it believes what it last heard, at first the full capacity.
+//! Vehicles drive on the grid or on a loaded network ([`Roads`]). In every slot in which one is received, the base station
+//! learns the true capacity of the block that it drives on, in both directions. Of a block without a report it believes what it last heard, at first the full capacity.
 //! Every planning period it assigns all trips anew (user equilibrium on believed capacities). The regret is what those
 //! routes cost a trip on the true capacities beyond what routes planned on the truth would.
 
 use crate::age::{AgeSummary, WorldAges};
-use crate::assignment::{Network, assign};
+use crate::assignment::Network;
 use crate::capacity::TrafficState;
 use crate::cell::Cell;
 use crate::environment::Environment;
 use crate::error::{Error, Result};
-use crate::mobility::{Mobility, MobilitySource};
 use crate::policy::PolicyName;
+use crate::roads::Roads;
 use crate::scenario::PlanningScenario;
 use crate::simulation::{Simulation, run_worlds};
 use crate::stream::{Purpose, Role, Stream, WorldKey};
-use crate::traffic::TrafficModel;
 use firmware::table::Table;
 use rayon::prelude::*;
 
@@ -93,9 +92,9 @@ impl Incidents {
 
 /// The true state of one world's roads, the same for every policy.
 struct Street<'m> {
-    model: &'m TrafficModel,
+    roads: &'m Roads<'m>,
     loss: f64,
-    /// By block: roads `2 b` and `2 b + 1` are its two directions.
+    /// By block.
     incidents: Vec<Incidents>,
 }
 
@@ -117,19 +116,22 @@ impl Street<'_> {
 
     /// The network with these fractions of each block's capacity.
     fn network(&self, factors: &[f64]) -> Result<Network> {
-        let links = self.model.network().links();
-        let capacities: Vec<f64> = links
+        let network = self.roads.network();
+        let capacities: Vec<f64> = network
+            .links()
             .iter()
             .enumerate()
-            .map(|(road, link)| link.capacity * factors[road / 2])
+            .map(|(road, link)| link.capacity * factors[self.roads.block(road)])
             .collect();
-        self.model.network().with_capacities(&capacities)
+        network.with_capacities(&capacities)
     }
 
-    /// Equilibrium flows planned on one network, met on another.
+    /// Equilibrium flows planned on one network, met on another; the time of a trip is in s.
     fn experienced(&self, believed: &Network, truth: &Network) -> Result<TrafficState> {
-        let flows = assign(believed, self.model.demand(), self.model.options())?.link_flows;
-        Ok(TrafficState::of(truth, self.model.demand(), &flows))
+        let flows = self.roads.plan(believed)?;
+        let mut state = TrafficState::of(truth, self.roads.demand(), &flows);
+        state.mean_trip_time *= self.roads.seconds_per_unit();
+        Ok(state)
     }
 }
 
@@ -150,7 +152,7 @@ struct WorldLoop {
 /// called after each world.
 ///
 /// # Errors
-/// [`Error::Input`] for vehicles that do not drive on the scenario's grid, a run without a plan, and what
+/// [`Error::Input`] for vehicles of a trace, a run without a plan, and what
 /// [`PolicyName::check`] refuses.
 pub fn closed_loop(
     simulation: &Simulation<'_>,
@@ -159,13 +161,7 @@ pub fn closed_loop(
     finished: impl Fn() + Sync,
 ) -> Result<LoopSummary> {
     let scenario = simulation.scenario;
-    if !matches!(simulation.source, MobilitySource::Grid) {
-        return Err(Error::input(
-            "--mobility",
-            "a trace",
-            "grid, on whose roads the trips are",
-        ));
-    }
+    let roads = Roads::new(scenario, simulation.source)?;
     for policy in policies {
         policy.check(scenario, simulation.source.most_vehicles(scenario), table)?;
     }
@@ -179,7 +175,6 @@ pub fn closed_loop(
         let expected = format!("less than the {} slots after warm-up", simulation.extent.slots);
         return Err(Error::input("planning.period_slots", period, expected));
     }
-    let model = TrafficModel::new(scenario)?;
     let worlds = (0..u64::from(simulation.extent.worlds))
         .into_par_iter()
         .map(|world| {
@@ -188,7 +183,7 @@ pub fn closed_loop(
                 purpose: Purpose::Evaluation,
                 world,
             };
-            let result = run_loop(simulation, &model, policies, table, &plan_slots, &key);
+            let result = run_loop(simulation, &roads, policies, table, &plan_slots, &key);
             finished();
             result
         })
@@ -198,7 +193,7 @@ pub fn closed_loop(
 
 fn run_loop(
     simulation: &Simulation<'_>,
-    model: &TrafficModel,
+    roads: &Roads<'_>,
     policies: &[PolicyName],
     table: &Table<'_>,
     plan_slots: &[u32],
@@ -206,12 +201,12 @@ fn run_loop(
 ) -> Result<WorldLoop> {
     let planning = &simulation.scenario.planning;
     let slots = simulation.extent.slots_per_world();
-    let blocks = model.network().links().len() / 2;
+    let blocks = roads.block_count();
     let incidents = (0..blocks)
         .map(|block| Incidents::draw(planning, slots, key.stream(Role::Incidents, block as u32)))
         .collect();
     let street = Street {
-        model,
+        roads,
         loss: planning.incident_capacity_loss,
         incidents,
     };
@@ -273,16 +268,12 @@ fn run_loop(
 
 /// Takes in the reports of the slot before.
 fn hear(cell: &Cell<'_>, street: &Street<'_>, belief: &mut Belief) {
-    let Mobility::Grid(vehicles) = cell.mobility() else {
-        return;
-    };
     let sent = cell.elapsed() - 1;
     for (vehicle, place) in cell.places() {
         if !cell.received(*vehicle) {
             continue;
         }
-        if let Some(road) = street.model.road(vehicles.heading(*vehicle), place) {
-            let block = road / 2;
+        if let Some(block) = street.roads.block_of(cell.mobility(), *vehicle, place) {
             belief.factors[block] = street.factor(block, sent);
             belief.reported[block] = sent;
         }
@@ -302,11 +293,14 @@ fn plan(
         .iter()
         .map(|&reported| f64::from(slot - reported))
         .sum();
-    let links = street.model.network().links();
+    let links = street.roads.network().links();
     let error: f64 = links
         .iter()
         .enumerate()
-        .map(|(road, link)| link.capacity * (belief.factors[road / 2] - street.factor(road / 2, slot)).abs())
+        .map(|(road, link)| {
+            let block = street.roads.block(road);
+            link.capacity * (belief.factors[block] - street.factor(block, slot)).abs()
+        })
         .sum();
     Plan {
         road_age_ms: age / blocks,

@@ -1,9 +1,10 @@
 //! The cell around the firmware: base station, radio channel, age of information and traffic assignment.
 //!
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
-//! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), and [`simulation`] runs it. What ages mean for the road:
-//! [`capacity`], [`traffic`] and [`assignment`]. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on any machine and for any
-//! number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
+//! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), and [`simulation`]
+//! runs it. What ages mean for the road: [`capacity`], [`traffic`] and [`assignment`]; [`closed_loop`] plans on the
+//! [`roads`] that vehicles report. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on
+//! any machine and for any number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
 //! [`deadline`] says what that takes on the chip.
 
 #![allow(
@@ -35,6 +36,7 @@ pub mod radio;
 #[cfg(not(target_family = "wasm"))]
 pub mod report;
 pub mod revision;
+pub mod roads;
 pub mod scenario;
 pub mod simulation;
 pub mod stream;

@@ -19,7 +19,7 @@ enum Command {
     /// Ages of all policies on the same worlds, and what they do to travel times (the default)
     Run(command::run::RunArguments),
     /// The closed loop from slot to street: vehicles report incidents, the base station plans routes on what it heard
-    Loop(command::run::RunArguments),
+    Loop(command::closed_loop::LoopArguments),
     /// User equilibrium or system optimum of a road network
     Assign(command::assign::AssignArguments),
     /// The paper's path-planning figures with their data

@@ -101,7 +101,9 @@ impl Simulation<'_> {
     pub fn bound_age_ms(&self) -> f64 {
         let sub_channels = self.scenario.radio.sub_channels;
         match self.source {
-            MobilitySource::Grid => ideal_age_ms(self.scenario.cell.vehicles, sub_channels),
+            MobilitySource::Grid | MobilitySource::Streets(_) => {
+                ideal_age_ms(self.scenario.cell.vehicles, sub_channels)
+            }
             MobilitySource::Trace(trace) => {
                 let (mut sum, mut count) = (0.0, 0.0);
                 let mut cursor = trace.cursor();

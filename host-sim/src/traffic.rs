@@ -2,7 +2,7 @@
 
 use crate::assignment::grid::{Axis, Direction, Grid};
 use crate::assignment::{Demand, Network, Options, assign};
-use crate::capacity::{CapacityError, Planner, TrafficState};
+use crate::capacity::{CapacityError, Planner, Staleness, TrafficState};
 use crate::cell::Cell;
 use crate::error::Result;
 use crate::mobility::{Heading, Mobility, Place};
@@ -63,12 +63,7 @@ impl TrafficModel {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::MAX.slots()),
             },
-            // One thread: the worlds already keep all cores busy.
-            options: Options {
-                gap: RELATIVE_GAP,
-                threads: 1,
-                ..Options::default()
-            },
+            options: planning_options(),
         })
     }
 
@@ -141,21 +136,36 @@ impl TrafficModel {
         ages_ms.iter().map(state).collect()
     }
 
+    /// Traffic with every world's own age on each road.
+    ///
+    /// # Errors
+    /// If an equilibrium cannot be found.
+    pub fn per_road(&self, worlds: &[RoadAges]) -> Result<Vec<Staleness>> {
+        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
+        let outcomes = worlds.par_iter().map(|ages| planner.staleness(ages, &self.error));
+        outcomes.collect()
+    }
+
     /// Plans with every world's road ages, and with the policy's mean age on every road.
     ///
     /// # Errors
     /// If an equilibrium cannot be found.
     pub fn summary(&self, mean_age_ms: f64, worlds: &[RoadAges]) -> Result<TrafficSummary> {
-        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
-        let outcomes = worlds
-            .par_iter()
-            .map(|ages| planner.staleness(ages, &self.error))
-            .collect::<Result<Vec<_>>>()?;
+        let outcomes = self.per_road(worlds)?;
         Ok(TrafficSummary {
             uniform: mean_state(self.uniform(&[mean_age_ms])?.into_iter()),
             stale: mean_state(outcomes.iter().map(|outcome| outcome.stale)),
             informed: mean_state(outcomes.iter().map(|outcome| outcome.informed)),
         })
+    }
+}
+
+/// How plans are found: on one thread, because worlds already keep all cores busy.
+pub fn planning_options() -> Options {
+    Options {
+        gap: RELATIVE_GAP,
+        threads: 1,
+        ..Options::default()
     }
 }
 

@@ -871,6 +871,8 @@ fn assign_command(arguments: &[&str]) -> host_sim::error::Result<()> {
 
 #[test]
 fn the_command_refuses_options_that_make_no_sense() {
+    let net = fixture("SiouxFalls_net.tntp");
+    let net = net.to_str().unwrap();
     for (arguments, message) in [
         (
             &["--net", "grid", "--gap", "-1"][..],
@@ -893,8 +895,20 @@ fn the_command_refuses_options_that_make_no_sense() {
             "--trips: found x, expected none with `--net grid`, which brings its own demand",
         ),
         (
-            &["--net", "x"],
+            &["--net", net],
             "--trips: found none, expected a TNTP trip table for the network file",
+        ),
+        (
+            &["--net", "/nowhere/net"],
+            "/nowhere/net: No such file or directory (os error 2)",
+        ),
+        (
+            &["--net", "grid", "--toll-weight", "0.02"],
+            "--toll-weight: found 0.02, expected none with `--net grid`, whose costs are times alone",
+        ),
+        (
+            &["--net", "grid", "--select-link", "1,2"],
+            "--select-link: found no --selected, expected both: the links, and the file for their trips",
         ),
         (
             &["--net", "grid", "--check", "x", "--flows", "y"],

@@ -10,7 +10,7 @@ use host_sim::assignment::select_link::{links_between, select_links};
 use host_sim::assignment::skims::{format_skims, skims};
 use host_sim::assignment::tntp::{read_network, read_trips};
 use host_sim::assignment::{
-    Algorithm, CostWeights, Demand, Network, Objective, Options, PathFlow, Solution, Stop, assign,
+    Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlow, Solution, Stop, assign,
     assign_from, convergence, demand::Trip,
 };
 use host_sim::command::assign::{AssignArguments, run};
@@ -382,4 +382,73 @@ fn the_command_refuses_results_that_do_not_exist() {
     ] {
         assert_eq!(assign_command(arguments).unwrap_err().to_string(), message);
     }
+}
+
+#[test]
+fn flows_go_through_parquet_and_networks_through_gmns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (flows, gmns, demand) = (path("flows.parquet"), path("gmns"), path("gmns/demand.csv"));
+    assign_command(&["--flows", &flows, "--gmns", &gmns]).unwrap();
+    let bytes = std::fs::read(&flows).unwrap();
+    assert!(bytes.starts_with(b"PAR1"));
+    assign_command(&["--check", &flows]).unwrap();
+    // The network that was written is the same problem: the same flows, bit by bit.
+    let again = path("again.parquet");
+    let line = [
+        "assign", "--json", "--net", &gmns, "--trips", &demand, "--flows", &again,
+    ];
+    run(&CommandLine::try_parse_from(line).unwrap().arguments).unwrap();
+    assert_eq!(bytes, std::fs::read(&again).unwrap());
+    // A file that only calls itself Parquet.
+    let text = path("text.parquet");
+    std::fs::rename(&demand, &text).unwrap();
+    let message = assign_command(&["--check", &text]).unwrap_err().to_string();
+    assert!(message.ends_with("expected a Parquet file"), "{message}");
+}
+
+#[test]
+fn the_frank_wolfe_family_stops_where_it_gets_nowhere() {
+    let (network, demand) = read("SiouxFalls");
+    for algorithm in [
+        Algorithm::FrankWolfe,
+        Algorithm::ConjugateFrankWolfe,
+        Algorithm::BiconjugateFrankWolfe,
+    ] {
+        let options = Options {
+            algorithm,
+            ..options(0.0)
+        };
+        let solution = assign(&network, &demand, &options).unwrap();
+        assert_eq!(solution.stopped, Stop::Stagnation, "{algorithm:?}");
+        assert!(
+            solution.relative_gap < 1e-4,
+            "{algorithm:?}: {}",
+            solution.relative_gap
+        );
+    }
+}
+
+#[test]
+fn an_assigner_plans_again_from_where_it_ended() {
+    let (network, demand) = read("SiouxFalls");
+    let cut = cut_capacities(&network, 0.1);
+    let mut assigner = Assigner::new(demand.clone(), options(1e-11)).unwrap();
+    let cold = assigner.assign(&network).unwrap();
+    assert_eq!(
+        cold.link_flows,
+        assign(&network, &demand, &options(1e-11)).unwrap().link_flows
+    );
+    assert!(carry_demand(&assigner.path_flows(), &demand, 1e-12));
+    let warm = assigner.assign(&cut).unwrap();
+    let fresh = assign(&cut, &demand, &options(1e-11)).unwrap();
+    assert!(warm.converged && warm.iterations < fresh.iterations);
+    assert!((warm.objective - fresh.objective).abs() <= 1e-10 * fresh.objective);
+    let judged = evaluate(&cut, &demand, Objective::UserEquilibrium, &warm.link_flows).unwrap();
+    assert!((judged.relative_gap - warm.relative_gap).abs() < 1e-12 && judged.conserves_demand);
+    // Back on the old roads, and then on others.
+    let back = assigner.assign(&network).unwrap();
+    assert!((back.objective - cold.objective).abs() <= 1e-10 * cold.objective);
+    let (braess, _) = read("Braess");
+    assert!(assigner.assign(&braess).is_err());
 }

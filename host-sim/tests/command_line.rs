@@ -126,9 +126,11 @@ fn a_run_without_json_writes_figures_and_data() {
 #[test]
 fn figures_are_listed_and_there() {
     let folder = tempfile::tempdir().unwrap();
-    let object = json(&["figures", "--json", "--out", folder.path().to_str().unwrap()]);
+    let small = ["figures", "--json", "--worlds", "2", "--slots", "200", "--out"];
+    let arguments: Vec<&str> = small.into_iter().chain(folder.path().to_str()).collect();
+    let object = json(&arguments);
     let files = object["files"].as_array().unwrap();
-    assert_eq!(files.len(), 4);
+    assert_eq!(files.len(), 7);
     assert!(
         files
             .iter()

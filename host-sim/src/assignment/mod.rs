@@ -20,11 +20,12 @@
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
 //!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
+//! * [`coordinates`]: where its nodes lie.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
 //! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
-//!   where the next solve can start, see [`assign_from`].
+//!   where the next solve can start, see [`assign_from`]; an [`Assigner`] keeps more than these and starts faster.
 //! * [`check`]: judges any link flows, by other means than the solvers use.
 //!
 //! # Determinism
@@ -32,8 +33,10 @@
 //! are added in block order. Only [`IterationRecord::seconds`] is a clock reading.
 
 mod all_or_nothing;
+mod assigner;
 pub mod check;
 pub mod convergence;
+pub mod coordinates;
 mod csv_rows;
 mod csv_table;
 pub mod demand;
@@ -47,6 +50,7 @@ pub mod network;
 mod newton;
 mod path_based;
 pub mod path_flows;
+mod path_set;
 mod path_shift;
 mod problem;
 pub mod select_link;
@@ -57,6 +61,7 @@ pub mod tntp;
 pub mod volume_delay;
 mod xml;
 
+pub use assigner::Assigner;
 pub use demand::Demand;
 pub use network::{CostWeights, Link, Names, Network, NodeNumbering};
 pub use path_flows::PathFlow;
@@ -108,6 +113,17 @@ pub struct Options {
     pub max_iterations: usize,
     /// Threads for the shortest paths; 0 takes one per core. The result does not depend on it.
     pub threads: usize,
+}
+
+impl Options {
+    /// Refuses a gap that is negative or not finite.
+    fn check(&self) -> Result<()> {
+        if self.gap.is_finite() && self.gap >= 0.0 {
+            return Ok(());
+        }
+        let expected = "a finite number, not negative";
+        Err(Error::input("relative gap", self.gap, expected))
+    }
 }
 
 impl Default for Options {
@@ -193,7 +209,7 @@ pub fn assign_observed(
     options: &Options,
     observe: &mut dyn FnMut(&IterationRecord),
 ) -> Result<Solution> {
-    solve(network, demand, options, None, observe)
+    solve(network, demand, options, path_based::Start::Nothing, observe)
 }
 
 /// [`assign_observed`] from the [path flows](Solution::path_flows) of an earlier solution: on the same links with other
@@ -218,23 +234,17 @@ pub fn assign_from(
         ));
     }
     let start = path_flows::WarmStart::new(network, start)?;
-    solve(network, demand, options, Some(&start), observe)
+    solve(network, demand, options, path_based::Start::Paths(start), observe)
 }
 
 fn solve(
     network: &Network,
     demand: &Demand,
     options: &Options,
-    start: Option<&path_flows::WarmStart<'_>>,
+    start: path_based::Start<'_>,
     observe: &mut dyn FnMut(&IterationRecord),
 ) -> Result<Solution> {
-    if !(options.gap.is_finite() && options.gap >= 0.0) {
-        return Err(Error::input(
-            "relative gap",
-            options.gap,
-            "a finite number, not negative",
-        ));
-    }
+    options.check()?;
     let problem = Problem::new(network, demand, options)?;
     let mut progress = problem::Progress::new(options, observe);
     let (link_flows, path_flows) = match options.algorithm {
@@ -242,7 +252,10 @@ fn solve(
             frank_wolfe::solve(&problem, options.algorithm, &mut progress)?,
             Vec::new(),
         ),
-        Algorithm::PathBased => path_based::solve(&problem, start, &mut progress)?,
+        Algorithm::PathBased => {
+            let (link_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
+            (link_flows, path_based::path_flows(demand, &blocks))
+        }
     };
     Ok(progress.into_solution(network, link_flows, path_flows))
 }

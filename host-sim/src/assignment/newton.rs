@@ -7,7 +7,8 @@
 //! Routing in Networks", IEEE Transactions on Communications 32, 1984).
 
 use super::line_search::exact_step;
-use super::path_shift::{LinkState, Pair};
+use super::path_set::Pair;
+use super::path_shift::LinkState;
 use super::problem::dot;
 
 /// Most steps in a row: each but the last empties a path.
@@ -41,7 +42,7 @@ struct System {
 }
 
 /// Takes steps until none is blocked by a path that runs empty.
-pub(super) fn balance(pairs: &mut [&mut Pair], state: &mut LinkState<'_>) {
+pub(super) fn balance(pairs: &mut [Pair<'_>], state: &mut LinkState<'_>) {
     for _ in 0..STEP_LIMIT {
         let system = System::new(pairs, state);
         if !system.step(pairs, state) {
@@ -51,7 +52,7 @@ pub(super) fn balance(pairs: &mut [&mut Pair], state: &mut LinkState<'_>) {
 }
 
 impl System {
-    fn new(pairs: &[&mut Pair], state: &LinkState<'_>) -> Self {
+    fn new(pairs: &[Pair<'_>], state: &LinkState<'_>) -> Self {
         let mut system = Self {
             variables: Vec::new(),
             links: Vec::new(),
@@ -70,12 +71,12 @@ impl System {
                     continue;
                 }
                 stamp += 2;
-                for &link in &pair.paths[largest].links {
+                for &link in pair.paths[largest].links(pair.links) {
                     stamps[link as usize] = stamp;
                 }
                 let begin = system.links.len();
                 let mut curvature = 0.0;
-                for &link in &path.links {
+                for &link in path.links(pair.links) {
                     let known = &mut stamps[link as usize];
                     if *known == stamp {
                         *known = stamp + 1;
@@ -84,7 +85,7 @@ impl System {
                         curvature += state.derivatives[link as usize];
                     }
                 }
-                for &link in &pair.paths[largest].links {
+                for &link in pair.paths[largest].links(pair.links) {
                     if stamps[link as usize] == stamp {
                         system.links.push(link | LEAVING);
                         curvature += state.derivatives[link as usize];
@@ -189,7 +190,7 @@ impl System {
     }
 
     /// One step. True if a path ran empty before the end, so that another step, without it, is worth while.
-    fn step(&self, pairs: &mut [&mut Pair], state: &mut LinkState<'_>) -> bool {
+    fn step(&self, pairs: &mut [Pair<'_>], state: &mut LinkState<'_>) -> bool {
         let changes = self.solve(state);
         let mut rest = vec![0.0; pairs.len()];
         let mut longest = LARGEST_STEP;

@@ -7,14 +7,16 @@
 //! from the paths, so that rounding does not pile up.
 
 use super::all_or_nothing::unreachable_pair;
-use super::demand::OriginDemand;
+use super::demand::Demand;
 use super::line_search::exact_step;
 use super::newton;
 use super::path_flows::{PathFlow, WarmStart};
-use super::path_shift::{LinkState, Pair, Path, Shift, path_cost};
+use super::path_set::{Pair, PathSet, path_cost};
+use super::path_shift::{LinkState, Shift};
 use super::problem::{Problem, Progress, dot, relative_gap};
 use super::shortest_path::{SearchOrder, ShortestPathTree};
 use crate::error::Result;
+use std::ops::Range;
 
 /// A new path must be cheaper than the known ones by more than this share: sums in another order differ by as much.
 const PATH_COST_TOLERANCE: f64 = 1e-14;
@@ -26,8 +28,8 @@ const SWEEPS_PER_ITERATION: usize = 20;
 /// Sweeps end when the largest excess cost has fallen to this share of the first sweep's.
 const SWEEP_REDUCTION: f64 = 0.01;
 
-/// Sweeps that leave more than this share of the first one's largest excess creep: a step on all pairs at once follows
-/// (chosen: of 0.03 to 0.5, those from 0.1 spare the large networks that do without, and all solve the random ones).
+/// Sweeps that leave more than this share of the first one's largest excess creep: where they do so twice in a row, a step
+/// on all pairs at once follows (chosen: of 0.03 to 0.5, those from 0.1 spare the large networks that do without, and all solve the random ones).
 const CREEPING: f64 = 0.2;
 
 /// Below this gap sweeps creep because costs differ by rounding alone, and a step on all pairs at once is work for nothing.
@@ -49,39 +51,76 @@ const LARGEST_EXTRAPOLATION: f64 = 1e4;
 /// (chosen: of 1e-8 to 1e-12 it needs the fewest iterations on random networks).
 const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
 
-/// Link and path flows of the last record of `progress`.
+/// Where a solve begins.
+pub(crate) enum Start<'s> {
+    /// At cheapest paths.
+    Nothing,
+    /// At known paths, of whatever origin.
+    Paths(WarmStart<'s>),
+    /// Where the last solve ended, for the same demand on the same links.
+    End(Vec<Block>),
+}
+
+/// Link flows of the last record of `progress`, and the paths that make them up.
 pub(crate) fn solve(
     problem: &Problem<'_>,
-    start: Option<&WarmStart<'_>>,
+    start: Start<'_>,
     progress: &mut Progress<'_>,
-) -> Result<(Vec<f64>, Vec<PathFlow>)> {
+) -> Result<(Vec<f64>, Vec<Block>)> {
     let mut state = LinkState::new(problem);
-    let mut blocks = initial_loading(problem, start, &mut state)?;
-    if start.is_some() {
+    let is_warm = !matches!(start, Start::Nothing);
+    let mut blocks = match start {
+        Start::Nothing => initial_loading(problem, None, &mut state)?,
+        Start::Paths(start) => initial_loading(problem, Some(&start), &mut state)?,
+        Start::End(mut blocks) => {
+            // The last search may have found paths that were not worth while then.
+            problem.for_each(&mut blocks, |block| block.take_in_found(problem));
+            sum_paths(&blocks, &mut state);
+            blocks
+        }
+    };
+    if is_warm {
         // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
         state.update();
-        equilibrate(&mut blocks, &mut state, true);
+        equilibrate(&mut blocks, &mut state, false);
     }
+    let mut creeps = false;
     loop {
-        state.sum_paths(blocks.iter().flat_map(|block| block.pairs.iter().flatten()));
+        sum_paths(&blocks, &mut state);
         problem.for_each(&mut blocks, |block| {
-            block.add_cheaper_paths(problem, &state.costs)
+            block.find_cheaper_paths(problem, &state.costs);
         });
         let shortest_path_cost = blocks.iter().map(|block| block.shortest_path_cost).sum();
         let gap = relative_gap(dot(&state.flows, &state.costs), shortest_path_cost);
         if progress.record(gap, problem.objective(&state.flows)) {
-            let path_flows = blocks.into_iter().flat_map(Block::into_path_flows);
-            return Ok((state.flows, path_flows.collect()));
+            return Ok((state.flows, blocks));
         }
-        equilibrate(&mut blocks, &mut state, gap > ROUNDING_GAP);
+        problem.for_each(&mut blocks, |block| block.take_in_found(problem));
+        creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
     }
 }
 
+/// The paths that carry anything, as a result.
+pub(crate) fn path_flows(demand: &Demand, blocks: &[Block]) -> Vec<PathFlow> {
+    let path_flows = blocks.iter().flat_map(|block| block.path_flows(demand));
+    path_flows.collect()
+}
+
+/// Link flows as the sum of path flows, and their costs.
+fn sum_paths(blocks: &[Block], state: &mut LinkState<'_>) {
+    state.flows.fill(0.0);
+    for block in blocks {
+        block.paths.load(&mut state.flows);
+    }
+    state.update();
+}
+
 /// Some origins with the paths of all their pairs.
-struct Block<'a> {
-    origins: &'a [OriginDemand],
-    /// Per origin, per destination.
-    pairs: Vec<Vec<Pair>>,
+#[derive(Clone)]
+pub(crate) struct Block {
+    /// Indices into the demand's origins.
+    origins: Range<usize>,
+    paths: PathSet,
     tree: ShortestPathTree,
     /// Per origin, how the last search went.
     orders: Vec<SearchOrder>,
@@ -90,26 +129,33 @@ struct Block<'a> {
 
 /// Loads one origin after the other on its cheapest paths, each at the costs that the previous ones leave; pairs that a
 /// warm start knows take its paths in its shares.
-fn initial_loading<'a>(
-    problem: &Problem<'a>,
+fn initial_loading(
+    problem: &Problem<'_>,
     start: Option<&WarmStart<'_>>,
     state: &mut LinkState<'_>,
-) -> Result<Vec<Block<'a>>> {
+) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
+    let mut links = Vec::new();
+    let mut next = 0;
     for origins in problem.origin_blocks() {
         let mut block = Block {
-            origins,
-            pairs: Vec::with_capacity(origins.len()),
+            origins: next..next + origins.len(),
+            paths: PathSet::with_capacity(origins.iter().map(|from| from.destinations.len()).sum()),
             tree: ShortestPathTree::new(problem.network),
             orders: vec![SearchOrder::default(); origins.len()],
             shortest_path_cost: 0.0,
         };
         for (index, from) in origins.iter().enumerate() {
             let mut searched = false;
-            let mut pairs = Vec::with_capacity(from.destinations.len());
             for &(destination, volume) in &from.destinations {
                 let known = start.map_or(&[][..], |start| start.of(from.origin, destination));
-                let pair = if known.is_empty() {
+                let total: f64 = known.iter().map(|path| path.volume).sum();
+                for path in known {
+                    let flow = path.volume / total * volume;
+                    state.load(&path.links, flow);
+                    block.paths.push_path(path.links.iter().rev().copied(), flow);
+                }
+                if known.is_empty() {
                     if !std::mem::replace(&mut searched, true) {
                         state.update();
                         let order = &mut block.orders[index];
@@ -120,102 +166,94 @@ fn initial_loading<'a>(
                     if block.tree.cost_to(destination) == f64::INFINITY {
                         return Err(unreachable_pair(problem.network, from.origin, destination));
                     }
-                    let mut links = Vec::new();
                     block.tree.trace(problem.network, destination, &mut links);
-                    Pair::new(volume, vec![Path::new(links.into(), volume)])
-                } else {
-                    let total: f64 = known.iter().map(|path| path.volume).sum();
-                    let path = |path: &&PathFlow| {
-                        let links = path.links.iter().rev().copied().collect();
-                        Path::new(links, path.volume / total * volume)
-                    };
-                    Pair::new(volume, known.iter().map(path).collect())
-                };
-                for path in &pair.paths {
-                    for &link in &path.links {
-                        state.flows[link as usize] += path.flow;
-                    }
+                    state.load(&links, volume);
+                    block.paths.push_path(links.iter().copied(), volume);
                 }
-                pairs.push(pair);
+                block.paths.end_pair(volume);
             }
-            block.pairs.push(pairs);
         }
+        next = block.origins.end;
         blocks.push(block);
     }
     Ok(blocks)
 }
 
-impl Block<'_> {
-    /// Adds the cheapest path of each pair, empty, where it is cheaper than all known ones; sums up what all trips would
-    /// cost on the cheapest paths.
-    fn add_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
+impl Block {
+    /// Notes the cheapest path of each pair where it is cheaper than all known ones; sums up what all trips would cost on
+    /// the cheapest paths.
+    fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         let mut links = Vec::new();
         self.shortest_path_cost = 0.0;
-        let origins = self.origins.iter().zip(&mut self.orders);
-        for ((from, order), pairs) in origins.zip(&mut self.pairs) {
+        let mut pair = 0;
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        for (from, order) in origins.iter().zip(&mut self.orders) {
             self.tree.search(problem.network, link_costs, from.origin, order);
-            for (&(destination, volume), pair) in from.destinations.iter().zip(pairs) {
+            for &(destination, volume) in &from.destinations {
                 let cost = self.tree.cost_to(destination);
                 self.shortest_path_cost += volume * cost;
-                let known = pair
-                    .paths
-                    .iter()
-                    .map(|path| path_cost(&path.links, link_costs))
+                let used = self.paths.used(pair);
+                let known = used
+                    .map(|(_, links)| path_cost(links, link_costs))
                     .fold(f64::INFINITY, f64::min);
-                if cost >= known * (1.0 - PATH_COST_TOLERANCE) {
-                    continue;
+                if cost < known * (1.0 - PATH_COST_TOLERANCE) {
+                    self.tree.trace(problem.network, destination, &mut links);
+                    // Summed in the order of the known paths, a path that is known already is not cheaper.
+                    if path_cost(&links, link_costs) < known {
+                        self.paths.note(pair, &links);
+                    }
                 }
-                self.tree.trace(problem.network, destination, &mut links);
-                // Summed in the order of the known paths, a path that is known already is not cheaper.
-                if path_cost(&links, link_costs) < known {
-                    pair.paths.push(Path::new(links.as_slice().into(), 0.0));
-                }
+                pair += 1;
             }
         }
     }
 
+    /// Gives the pairs the paths that were noted.
+    fn take_in_found(&mut self, problem: &Problem<'_>) {
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        let destinations = origins.iter().flat_map(|from| &from.destinations);
+        self.paths.take_in(destinations.map(|&(_, volume)| volume));
+    }
+
     /// The paths that carry anything, as a result.
-    fn into_path_flows(self) -> impl Iterator<Item = PathFlow> {
-        let origins = self.origins.iter().zip(self.pairs);
-        origins.flat_map(|(from, pairs)| {
-            let pairs = from.destinations.iter().zip(pairs);
-            pairs.flat_map(move |(&(destination, _), pair)| {
-                let paths = pair.paths.into_iter().filter(|path| path.flow > 0.0);
-                paths.map(move |mut path| {
-                    path.links.reverse();
-                    PathFlow {
-                        origin: from.origin + 1,
-                        destination: destination + 1,
-                        volume: path.flow,
-                        links: path.links,
-                    }
-                })
+    fn path_flows(&self, demand: &Demand) -> impl Iterator<Item = PathFlow> {
+        let ends = demand.origins()[self.origins.clone()].iter().flat_map(|from| {
+            let destinations = from.destinations.iter();
+            destinations.map(|&(destination, _)| (from.origin, destination))
+        });
+        ends.enumerate().flat_map(|(pair, (origin, destination))| {
+            self.paths.used(pair).map(move |(path, links)| PathFlow {
+                origin: origin + 1,
+                destination: destination + 1,
+                volume: path.flow,
+                links: links.iter().rev().copied().collect(),
             })
         })
     }
 }
 
-/// Sweeps over all pairs until their excess costs have fallen well below those at the start, then drops empty paths.
-/// Where `exact`, a step on all pairs at once helps sweeps that creep.
-fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool) {
+/// Sweeps over all pairs until their excess costs have fallen well below those at the start, and makes path flows add up.
+/// Where `exact`, a step on all pairs at once helps sweeps that creep. Returns whether they do.
+fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> bool {
     let mut shift = Shift::new(state.flows.len());
     let mut first_excess = 0.0;
     let mut previous_excess = 0.0;
+    let mut creeps = false;
     for sweep in 1..=SWEEPS_PER_ITERATION {
         let extrapolated = sweep % EXTRAPOLATION_INTERVAL == 0 && sweep < SWEEPS_PER_ITERATION;
         let mut largest_excess = 0.0_f64;
-        for pair in pairs_with_choice(blocks) {
+        for mut pair in choices(blocks) {
             if extrapolated {
                 pair.paths
                     .iter_mut()
                     .for_each(|path| path.flow_before = path.flow);
-            } else if pair.rest > 0 {
-                pair.rest -= 1;
+            } else if *pair.rest > 0 {
+                *pair.rest -= 1;
                 continue;
             }
-            let excess = shift.towards_cheapest(pair, state);
+            let excess = shift.towards_cheapest(&mut pair, state);
             largest_excess = largest_excess.max(excess);
-            pair.rest = if excess < RESTING_SHARE * previous_excess {
+            *pair.rest = if excess < RESTING_SHARE * previous_excess {
                 RESTING_SWEEPS
             } else {
                 0
@@ -228,8 +266,9 @@ fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool)
         if largest_excess <= SWEEP_REDUCTION * first_excess {
             break;
         }
-        if sweep == SWEEPS_PER_ITERATION && exact && largest_excess > CREEPING * first_excess {
-            let mut pairs: Vec<&mut Pair> = pairs_with_choice(blocks).collect();
+        creeps = sweep == SWEEPS_PER_ITERATION && largest_excess > CREEPING * first_excess;
+        if creeps && exact {
+            let mut pairs: Vec<Pair<'_>> = choices(blocks).collect();
             newton::balance(&mut pairs, state);
         }
         // Never at the end: the next sweep evens out what a long step magnifies.
@@ -237,31 +276,28 @@ fn equilibrate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>, exact: bool)
             extrapolate(blocks, state);
         }
     }
-    for pair in pairs_with_choice(blocks) {
-        pair.rest = 0;
+    for mut pair in choices(blocks) {
+        *pair.rest = 0;
         pair.settle();
-        pair.paths.retain(|path| path.flow > 0.0);
     }
+    creeps
 }
 
 /// The pairs that know more than one path.
-fn pairs_with_choice<'b>(blocks: &'b mut [Block<'_>]) -> impl Iterator<Item = &'b mut Pair> {
-    let pairs = blocks
-        .iter_mut()
-        .flat_map(|block| block.pairs.iter_mut().flatten());
-    pairs.filter(|pair| pair.paths.len() > 1)
+fn choices<'b>(blocks: &'b mut [Block]) -> impl Iterator<Item = Pair<'b>> {
+    blocks.iter_mut().flat_map(|block| block.paths.choices())
 }
 
 /// Goes on in the direction of the last sweep as long as the objective falls and no path runs empty.
 ///
 /// Sweeps creep where pairs block each other, as when one may leave a steep link only as fast as another joins it; their
 /// changes then all but repeat, and many are worth one long step.
-fn extrapolate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
+fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
     let mut direction = vec![0.0; state.flows.len()];
     let mut largest_step = LARGEST_EXTRAPOLATION;
     let mut largest_change = 0.0_f64;
-    for pair in pairs_with_choice(blocks) {
-        for path in &pair.paths {
+    for pair in choices(blocks) {
+        for path in pair.paths.iter() {
             let change = path.flow - path.flow_before;
             if change == 0.0 {
                 continue;
@@ -270,7 +306,7 @@ fn extrapolate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
                 largest_step = largest_step.min(path.flow / -change);
             }
             largest_change = largest_change.max(change.abs() / pair.demand);
-            for &link in &path.links {
+            for &link in path.links(pair.links) {
                 direction[link as usize] += change;
             }
         }
@@ -282,8 +318,8 @@ fn extrapolate(blocks: &mut [Block<'_>], state: &mut LinkState<'_>) {
     if step <= 0.0 {
         return;
     }
-    for pair in pairs_with_choice(blocks) {
-        for path in &mut pair.paths {
+    for mut pair in choices(blocks) {
+        for path in pair.paths.iter_mut() {
             path.flow = (path.flow + step * (path.flow - path.flow_before)).max(0.0);
         }
         pair.settle();

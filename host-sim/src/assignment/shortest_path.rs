@@ -1,8 +1,8 @@
 //! Cheapest paths from one node to all others: Dijkstra's algorithm, made to profit from being run again and again.
 //!
-//! An assignment searches from the same origins at costs that change less and less. A search that takes the nodes in the
-//! order of the last one finds nearly every cost final by the time it comes there, and a priority queue has to settle
-//! only the rest. Nodes that no path passes through never enter the queue.
+//! An assignment searches from the same origins at costs that change less and less. A search that begins with the tree of
+//! the last one, at the new costs, finds few links that improve on it; a priority queue has to settle only these. Nodes
+//! that no path passes through never enter the queue.
 
 use super::heap::NodeHeap;
 use super::network::Network;
@@ -25,11 +25,14 @@ pub struct ShortestPathTree {
     merged: Vec<u32>,
 }
 
-/// In which order the last search from an origin came to its nodes. The next one, at costs that have changed little,
-/// follows it and needs no priority queue but for what has changed places.
+/// How the last search from an origin went: its tree, from the root to the leaves. The next one, at costs that have changed
+/// little, begins with it and needs a priority queue only for what has changed.
 #[derive(Debug, Clone, Default)]
 pub struct SearchOrder {
+    /// By ascending cost, the origin first.
     nodes: Vec<u32>,
+    /// By which link the tree enters each of these nodes but the first.
+    entering_links: Vec<u32>,
 }
 
 impl ShortestPathTree {
@@ -58,18 +61,22 @@ impl ShortestPathTree {
         self.entering_link.fill(NONE);
         self.heap.clear();
         self.cost[origin as usize] = 0.0;
-        let order = &mut order.nodes;
-        if order.is_empty() {
+        if order.nodes.is_empty() {
             self.heap.put(0.0, origin);
             while let Some((cost, node)) = self.heap.pop() {
-                order.push(node);
+                order.nodes.push(node);
                 self.scan(network, link_costs, cost, node);
             }
+            self.remember_tree(order);
         } else {
-            self.follow(network, link_costs, order);
+            self.grow_again(network, link_costs, order);
+            let improved = self.follow(network, link_costs, &order.nodes);
             self.correct(network, link_costs);
             if !self.corrected.is_empty() {
-                self.merge_corrected(order);
+                self.merge_corrected(&mut order.nodes);
+            }
+            if improved {
+                self.remember_tree(order);
             }
         }
         self.enter_dead_ends(network, link_costs);
@@ -90,11 +97,34 @@ impl ShortestPathTree {
         }
     }
 
-    /// Looks at all nodes in the old order; only nodes that are improved after their turn are queued.
-    fn follow(&mut self, network: &Network, link_costs: &[f64], order: &[u32]) {
+    /// Keeps the tree for the next search, in the order of the nodes.
+    fn remember_tree(&self, order: &mut SearchOrder) {
+        let entering = order
+            .nodes
+            .iter()
+            .skip(1)
+            .map(|&node| self.entering_link[node as usize]);
+        order.entering_links.clear();
+        order.entering_links.extend(entering);
+    }
+
+    /// The old tree at the new costs.
+    fn grow_again(&mut self, network: &Network, link_costs: &[f64], order: &SearchOrder) {
+        let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
+        for (&node, &link) in order.nodes.iter().skip(1).zip(&order.entering_links) {
+            let from = network.init_node(link);
+            cost[node as usize] = cost[from as usize] + link_costs[link as usize];
+            entering_link[node as usize] = link;
+        }
+    }
+
+    /// Looks at all nodes in the old order; only nodes that are improved after their turn are queued. Returns whether any
+    /// was improved.
+    fn follow(&mut self, network: &Network, link_costs: &[f64], order: &[u32]) -> bool {
         self.scanned.fill(false);
         let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
         let scanned = self.scanned.as_mut_slice();
+        let mut improved = false;
         for &node in order {
             let node_cost = cost[node as usize];
             scanned[node as usize] = true;
@@ -104,12 +134,14 @@ impl ShortestPathTree {
                 if through_node < cost[neighbour] {
                     cost[neighbour] = through_node;
                     entering_link[neighbour] = outgoing.link;
+                    improved = true;
                     if scanned[neighbour] {
                         self.heap.put(through_node, outgoing.term_node);
                     }
                 }
             }
         }
+        improved
     }
 
     /// Dijkstra's algorithm from the queued nodes; each comes at most once more.

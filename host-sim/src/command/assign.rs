@@ -1,18 +1,19 @@
 //! `host-sim assign`: static traffic assignment on a TNTP, GMNS or SUMO network or on the urban grid.
 
+mod flow_files;
 mod outputs;
-mod problem;
+pub(super) mod problem;
 
 use crate::assignment::check::{self, Evaluation};
 use crate::assignment::network::check_not_negative;
 use crate::assignment::{
-    Algorithm, Demand, IterationRecord, Network, Objective, Options, Solution, Stop, assign_from,
-    assign_observed, path_flows,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop,
+    assign_from, assign_observed, path_flows,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// A solve that is shorter than this shows no progress bar (chosen).
@@ -32,7 +33,7 @@ pub struct AssignArguments {
     /// counts one per hour); none with `grid`, which brings one vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
-    /// Solve nothing: judge the flows of this CSV (init_node,term_node,volume,cost; one row per link in file order)
+    /// Solve nothing: judge the flows of this CSV or Parquet file (init_node,term_node,volume,cost; one row per link in file order)
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
     /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
@@ -53,8 +54,9 @@ pub struct AssignArguments {
     /// Cost of a unit of length, in units of free-flow time
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub distance_weight: f64,
-    /// Write the link flows to this CSV (init_node,term_node,volume,cost; one row per link in file order)
-    #[arg(long, value_name = "FILE.csv")]
+    /// Write the link flows to this file, CSV or by its name Parquet (init_node,term_node,volume,cost; one row per link in
+    /// file order)
+    #[arg(long, value_name = "FILE.csv|FILE.parquet")]
     pub flows: Option<PathBuf>,
     /// Write the path flows to this CSV (origin,destination,volume,cost,links; links by number in file order)
     #[arg(long, value_name = "FILE.csv")]
@@ -68,6 +70,9 @@ pub struct AssignArguments {
     /// Link from one node to another whose trips --selected shall list (repeatable)
     #[arg(long, value_name = "FROM,TO")]
     pub select_link: Vec<String>,
+    /// Write network and trips as GMNS into this folder: node.csv, link.csv, demand.csv
+    #[arg(long, value_name = "DIR")]
+    pub gmns: Option<PathBuf>,
     /// Write which pairs of zones use the links of --select-link, and how much of each, to this CSV
     #[arg(long, value_name = "FILE.csv")]
     pub selected: Option<PathBuf>,
@@ -75,8 +80,8 @@ pub struct AssignArguments {
     #[arg(long, value_name = "FILE.csv")]
     pub convergence: Option<PathBuf>,
     /// Threads; 0 takes one per core. The flows do not depend on it
-    #[arg(long, default_value_t = 0)]
-    pub threads: usize,
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    pub threads: u16,
     /// Accepted as by every sub-command, and without effect: the solver draws nothing at random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -86,6 +91,14 @@ pub struct AssignArguments {
 }
 
 impl AssignArguments {
+    /// What toll and distance cost.
+    fn weights(&self) -> CostWeights {
+        CostWeights {
+            toll: self.toll_weight,
+            distance: self.distance_weight,
+        }
+    }
+
     /// The gap to stop at: what each kind of method reaches without effort.
     fn gap(&self) -> f64 {
         self.gap.unwrap_or(if self.algorithm == Algorithm::PathBased {
@@ -105,7 +118,12 @@ impl AssignArguments {
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
     check_options(arguments)?;
-    let (network, demand) = problem::read(arguments)?;
+    let (network, demand) = if arguments.net == problem::GRID {
+        problem::grid()?
+    } else {
+        let trips = arguments.trips.as_deref();
+        problem::read(Path::new(&arguments.net), trips, arguments.weights())?
+    };
     match &arguments.check {
         Some(path) => judge(arguments, &network, &demand, path, start),
         None => solve(arguments, &network, &demand, start),
@@ -116,7 +134,28 @@ fn check_options(arguments: &AssignArguments) -> Result<()> {
     check_not_negative("--gap", arguments.gap())?;
     check_not_negative("--toll-weight", arguments.toll_weight)?;
     check_not_negative("--distance-weight", arguments.distance_weight)?;
+    if arguments.net == problem::GRID {
+        check_grid_options(arguments)?;
+    }
     outputs::check_options(arguments)
+}
+
+/// Refuses what the grid has no use for.
+fn check_grid_options(arguments: &AssignArguments) -> Result<()> {
+    if let Some(trips) = &arguments.trips {
+        let expected = "none with `--net grid`, which brings its own demand";
+        return Err(Error::input("--trips", trips.display(), expected));
+    }
+    for (name, weight) in [
+        ("--toll-weight", arguments.toll_weight),
+        ("--distance-weight", arguments.distance_weight),
+    ] {
+        if weight != 0.0 {
+            let expected = "none with `--net grid`, whose costs are times alone";
+            return Err(Error::input(name, weight, expected));
+        }
+    }
+    Ok(())
 }
 
 fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start: Instant) -> Result<()> {
@@ -125,7 +164,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         objective: arguments.objective,
         gap: arguments.gap(),
         max_iterations: arguments.max_iterations,
-        threads: arguments.threads,
+        threads: usize::from(arguments.threads),
     };
     let selection = outputs::Selection::new(arguments, network)?;
     let start_paths = match &arguments.warm {
@@ -147,7 +186,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     if let Some(progress) = progress {
         progress.finish();
     }
-    outputs::write(arguments, network, &selection, &solution)?;
+    outputs::write(arguments, (network, demand), &selection, &solution)?;
     if !solution.converged {
         let why = match solution.stopped {
             Stop::Stagnation => "stagnated, as far as this method and double precision go",
@@ -183,7 +222,7 @@ fn judge(
     path: &std::path::Path,
     start: Instant,
 ) -> Result<()> {
-    let link_flows = check::read_flows(path, network)?;
+    let link_flows = flow_files::read(path, network)?;
     let check_start = Instant::now();
     let evaluation = check::evaluate(network, demand, arguments.objective, &link_flows)?;
     let seconds = check_start.elapsed().as_secs_f64();

@@ -1,9 +1,12 @@
 //! `host-sim loop`: from slot to street and back, for every policy on the same worlds and incidents.
 
+use crate::assignment::CostWeights;
 use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
+use crate::command::assign::problem;
 use crate::command::options::{progress_bar, thread_pool};
 use crate::command::run::{PreparedRun, RunArguments, RunOptions};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::mobility::{MobilitySource, StreetMap};
 use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
 use crate::report::chart::{Axis, LineChart, Point, Series};
@@ -12,22 +15,94 @@ use crate::report::files::{NamedText, check_folder, write_set, written};
 use crate::report::pages;
 use crate::report::text_table::{Column, TextTable};
 use crate::say;
+use crate::traffic::planning_options;
 use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 /// Worlds unless said: plans cost more than slots.
 const WORLDS: u32 = 64;
+
+/// Options of `loop`.
+#[derive(Clone, Debug, clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct LoopArguments {
+    /// What to simulate.
+    #[command(flatten)]
+    pub run: RunArguments,
+    /// Drive on this network instead of the grid: TNTP network file, folder with GMNS node.csv and link.csv, or SUMO
+    /// net.xml. Large networks take a while for each plan: fewer --worlds, --slots and --policy go a long way
+    #[arg(long, value_name = "FILE|DIR", requires = "trips")]
+    pub net: Option<PathBuf>,
+    /// Trips in the network's format, as for `assign`; vehicles drive the paths of their equilibrium
+    #[arg(long, value_name = "FILE", requires = "net")]
+    pub trips: Option<PathBuf>,
+    /// TNTP file with the coordinates of the nodes [default: NAME_node.tntp beside NAME_net.tntp]
+    #[arg(long, value_name = "FILE", requires = "net")]
+    pub nodes: Option<PathBuf>,
+    /// Metres for each unit of the network's coordinates, whose centre lies on that of the grid's area [default: 1 with
+    /// SUMO; otherwise the network is made to fit the area]
+    #[arg(long, value_name = "METRES", requires = "net")]
+    pub metres_per_unit: Option<f64>,
+    /// Seconds for each unit of the network's travel times [default: 1 with SUMO, otherwise 60]
+    #[arg(long, value_name = "SECONDS", requires = "net")]
+    pub seconds_per_unit: Option<f64>,
+    /// Cost of a unit of toll, in units of free-flow time
+    #[arg(long, default_value_t = 0.0, requires = "net")]
+    pub toll_weight: f64,
+    /// Cost of a unit of length, in units of free-flow time
+    #[arg(long, default_value_t = 0.0, requires = "net")]
+    pub distance_weight: f64,
+}
+
+impl LoopArguments {
+    /// Everything the loop needs, read and checked.
+    fn prepare(&self) -> Result<PreparedRun> {
+        let options = &self.run.options;
+        let mut prepared = RunOptions {
+            worlds: Some(options.worlds.unwrap_or(WORLDS)),
+            ..options.clone()
+        }
+        .prepare()?;
+        if let Some(net) = &self.net {
+            if !matches!(prepared.source, MobilitySource::Grid) {
+                let expected = "grid or nothing beside --net, on whose roads vehicles drive";
+                return Err(Error::input("--mobility", &options.mobility, expected));
+            }
+            let map = self.street_map(net, &prepared)?;
+            prepared.source = MobilitySource::Streets(Box::new(map));
+        }
+        Ok(prepared)
+    }
+
+    fn street_map(&self, net: &Path, prepared: &PreparedRun) -> Result<StreetMap> {
+        let weights = CostWeights {
+            toll: self.toll_weight,
+            distance: self.distance_weight,
+        };
+        let (network, demand) = problem::read(net, self.trips.as_deref(), weights)?;
+        let places = problem::read_places(net, self.nodes.as_deref(), &network)?;
+        let seconds = match self.seconds_per_unit {
+            Some(seconds) => seconds,
+            None => problem::Format::of(net)?.seconds_per_unit(),
+        };
+        StreetMap::new(
+            network,
+            demand,
+            &places,
+            &prepared.scenario,
+            (self.metres_per_unit, seconds),
+            &planning_options(),
+        )
+    }
+}
 
 /// Runs and reports.
 ///
 /// # Errors
 /// The first input that does not fit; nothing is written then.
-pub fn run(arguments: &RunArguments) -> Result<()> {
-    let (options, out) = (&arguments.options, arguments.out());
-    let prepared = RunOptions {
-        worlds: Some(options.worlds.unwrap_or(WORLDS)),
-        ..options.clone()
-    }
-    .prepare()?;
+pub fn run(arguments: &LoopArguments) -> Result<()> {
+    let (options, out) = (&arguments.run.options, arguments.run.out());
+    let prepared = arguments.prepare()?;
     if !options.json {
         check_folder(out)?;
     }
@@ -118,6 +193,13 @@ fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
         planning.incident_duration_s,
         planning.incident_interval_s,
     ));
+    if let MobilitySource::Streets(map) = &prepared.source {
+        table.note(&format!(
+            "Vehicles drive the paths of the equilibrium, {} m for each unit of the network's coordinates; its unit of time is {} s.",
+            map.scale().metres_per_unit,
+            map.scale().seconds_per_unit,
+        ));
+    }
     table.note("Beyond freshest: regret less that of the policy with the least age, paired by world.");
     table.note("Road age: since the last report of a block; blocks without a vehicle stay unreported under every policy.");
     if let Some((cost, interval)) = summary.cost_s_per_trip_and_ms {
@@ -160,6 +242,13 @@ fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {
         "plans": summary.plan_slots.len(),
         "cost_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.map(|(cost, _)| cost),
         "cost_ci95_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.and_then(|(_, interval)| interval),
+        "scale": match &prepared.source {
+            MobilitySource::Streets(map) => json!({
+                "metres_per_unit": map.scale().metres_per_unit,
+                "seconds_per_unit": map.scale().seconds_per_unit,
+            }),
+            MobilitySource::Grid | MobilitySource::Trace(_) => Value::Null,
+        },
         "scenario": prepared.scenario,
         "policies": policies,
     })

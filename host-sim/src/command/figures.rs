@@ -1,9 +1,13 @@
-//! `host-sim figures`: the paper's path-planning figures, with their data. They sweep delta m themselves.
+//! `host-sim figures`: the paper's path-planning figures, with their data. They sweep delta m themselves: once along all
+//! ages, once at the ages that the policies reach.
 
-use crate::command::options::ScenarioArguments;
-use crate::error::Result;
+use crate::command::options::{ScenarioArguments, progress_bar, thread_pool};
+use crate::command::run::{PreparedRun, RunOptions};
+use crate::error::{Error, Result};
+use crate::report::measured_traffic::{self, MeasuredAges};
 use crate::report::{files, traffic};
 use crate::say;
+use crate::traffic::{RoadAges, TrafficModel};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -13,25 +17,61 @@ pub struct FigureArguments {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArguments,
+    /// Weight table for the actor [default: the one built into the firmware]
+    #[arg(long, value_name = "FILE")]
+    pub table: Option<PathBuf>,
+    /// Independent worlds in which the policies' ages are measured
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub worlds: u32,
+    /// Slots of 1 ms that count in each, after a quarter as many that do not
+    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub slots: u32,
     /// Folder for figures (SVG) and data (CSV)
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
-    /// Accepted like everywhere; these figures draw nothing at random
+    /// Seed of the worlds; any number is held out from training
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Worker threads; results do not depend on them [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
     /// Print one JSON object and nothing else
     #[arg(long)]
     pub json: bool,
 }
 
-/// Draws and writes.
+impl FigureArguments {
+    fn prepare(&self) -> Result<PreparedRun> {
+        let options = RunOptions {
+            scenario: self.scenario.clone(),
+            policy: Vec::new(),
+            table: self.table.clone(),
+            vehicles: None,
+            worlds: Some(self.worlds),
+            slots: Some(self.slots),
+            warmup: self.slots / 4,
+            mobility: "grid".to_owned(),
+            seed: self.seed,
+            threads: self.threads,
+            json: self.json,
+        };
+        options.prepare()
+    }
+}
+
+/// Simulates, draws and writes.
 ///
 /// # Errors
 /// What is wrong with the scenario, or the file that cannot be written.
 pub fn run(arguments: &FigureArguments) -> Result<()> {
-    let scenario = arguments.scenario.read([])?;
+    let prepared = arguments.prepare()?;
     files::check_folder(&arguments.out)?;
-    let set = traffic::paper_figures(&scenario)?;
+    let mut set = traffic::paper_figures(&prepared.scenario)?;
+    let measured = thread_pool(arguments.threads)?.install(|| -> Result<_> {
+        let ages = measure(&prepared, arguments.json)?;
+        measured_traffic::figures(&prepared.scenario, &ages, &prepared.description())
+    })?;
+    set.extend(measured);
     files::write_set(&arguments.out, &set)?;
     let files: Vec<String> = set
         .iter()
@@ -43,4 +83,31 @@ pub fn run(arguments: &FigureArguments) -> Result<()> {
         say!("Written: {}.", files.join(", "));
     }
     Ok(())
+}
+
+/// The ages that every policy reaches on the same worlds.
+fn measure(prepared: &PreparedRun, hide_progress: bool) -> Result<Vec<MeasuredAges>> {
+    let table = prepared.table()?;
+    let model = TrafficModel::new(&prepared.scenario)?;
+    let worlds = prepared.policies.len() as u64 * u64::from(prepared.extent.worlds);
+    let progress = progress_bar(
+        worlds,
+        "ages {bar:40} {pos}/{len} worlds, {eta} left",
+        hide_progress,
+    );
+    let mut measured = Vec::new();
+    for &policy in &prepared.policies {
+        let (ages, roads) = prepared.simulation().run_policy(policy, &table, |cell| {
+            progress.inc(1);
+            model.road_ages(cell)
+        })?;
+        let roads: Option<Vec<RoadAges>> = roads.into_iter().collect();
+        measured.push(MeasuredAges {
+            policy: policy.name(),
+            ages,
+            roads: roads.ok_or_else(|| Error::input("mobility", "vehicles on no road", "the grid"))?,
+        });
+    }
+    progress.finish_and_clear();
+    Ok(measured)
 }

@@ -106,7 +106,7 @@ impl RunOptions {
             .scenario
             .read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
         let (worlds, slots) = match &source {
-            MobilitySource::Grid => (256, 2000),
+            MobilitySource::Grid | MobilitySource::Streets(_) => (256, 2000),
             MobilitySource::Trace(trace) => (8, trace.duration_slots().saturating_sub(self.warmup)),
         };
         let extent = Extent {
@@ -260,6 +260,9 @@ impl PreparedRun {
                     mobility.blocks_x, mobility.blocks_y
                 )
             }
+            MobilitySource::Streets(map) => {
+                format!("network of {} roads", map.network().links().len())
+            }
             MobilitySource::Trace(trace) => {
                 format!("SUMO floating-car data of {} vehicles", trace.vehicle_ids().len())
             }
@@ -276,6 +279,11 @@ impl PreparedRun {
         } = self.extent;
         let who = match &self.source {
             MobilitySource::Grid => format!("{} vehicles", self.scenario.cell.vehicles),
+            MobilitySource::Streets(map) => format!(
+                "{} vehicles on {} roads of a network",
+                self.scenario.cell.vehicles,
+                map.network().links().len()
+            ),
             MobilitySource::Trace(trace) => {
                 let (most, _) = trace.max_simultaneous();
                 format!(

@@ -1,6 +1,8 @@
-//! Where vehicles are: on the urban grid for ever, or in a recorded trace for as long as it shows them.
+//! Where vehicles are: on the urban grid or the streets of a loaded network for ever, or in a recorded trace for as long as
+//! it shows them.
 
 pub mod floating_car_data;
+mod streets;
 mod urban_grid;
 
 use crate::error::{Error, Result};
@@ -8,6 +10,7 @@ use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
 use floating_car_data::{Cursor, Trace};
 use std::path::Path;
+pub use streets::{Scale, StreetMap, Streets};
 pub use urban_grid::{Heading, UrbanGrid};
 
 /// A vehicle's place in metres, in the coordinates of the base station: from the grid's south-west corner, or as in the trace.
@@ -29,6 +32,8 @@ const REACH_M: f64 = 10_000.0;
 pub enum MobilitySource {
     /// The scenario's urban grid, another in each world.
     Grid,
+    /// The streets of a loaded network, with other vehicles on them in each world.
+    Streets(Box<StreetMap>),
     /// A recorded trace, the same in each world.
     Trace(Trace),
 }
@@ -49,7 +54,7 @@ impl MobilitySource {
     /// The most vehicles at once.
     pub fn most_vehicles(&self, scenario: &Scenario) -> usize {
         match self {
-            Self::Grid => scenario.cell.vehicles as usize,
+            Self::Grid | Self::Streets(_) => scenario.cell.vehicles as usize,
             Self::Trace(trace) => trace.max_simultaneous().0,
         }
     }
@@ -57,7 +62,7 @@ impl MobilitySource {
     /// How many vehicles ever appear.
     pub fn vehicles(&self, scenario: &Scenario) -> usize {
         match self {
-            Self::Grid => scenario.cell.vehicles as usize,
+            Self::Grid | Self::Streets(_) => scenario.cell.vehicles as usize,
             Self::Trace(trace) => trace.vehicle_ids().len(),
         }
     }
@@ -65,7 +70,7 @@ impl MobilitySource {
     /// A vehicle's name.
     pub fn vehicle_name(&self, vehicle: usize) -> String {
         match self {
-            Self::Grid => vehicle.to_string(),
+            Self::Grid | Self::Streets(_) => vehicle.to_string(),
             Self::Trace(trace) => trace.vehicle_ids()[vehicle].clone(),
         }
     }
@@ -115,6 +120,8 @@ impl MobilitySource {
 pub enum Mobility<'s> {
     /// On the urban grid of 3GPP TR 36.885 A.1.2.
     Grid(Box<UrbanGrid<'s>>),
+    /// On the streets of a loaded network.
+    Streets(Box<Streets<'s>>),
     /// In a trace.
     Trace {
         /// The present step.
@@ -136,6 +143,11 @@ impl<'s> Mobility<'s> {
                     stream,
                 )))
             }
+            MobilitySource::Streets(map) => {
+                let stream = key.stream(Role::Mobility, 0);
+                let vehicles = scenario.cell.vehicles;
+                Self::Streets(Box::new(Streets::new(map, &scenario.mobility, vehicles, stream)))
+            }
             MobilitySource::Trace(trace) => Self::Trace {
                 cursor: trace.cursor(),
                 last: vec![None; trace.vehicle_ids().len()],
@@ -147,6 +159,7 @@ impl<'s> Mobility<'s> {
     pub fn vehicles(&self) -> usize {
         match self {
             Self::Grid(grid) => grid.vehicles(),
+            Self::Streets(streets) => streets.vehicles(),
             Self::Trace { last, .. } => last.len(),
         }
     }
@@ -155,6 +168,7 @@ impl<'s> Mobility<'s> {
     pub fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) {
         match self {
             Self::Grid(grid) => grid.advance(slots, places),
+            Self::Streets(streets) => streets.advance(slots, places),
             Self::Trace { cursor, last } => {
                 places.clear();
                 for (vehicle, position) in cursor.advance_to(slots) {

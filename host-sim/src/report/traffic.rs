@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 /// The values of delta m that the paper's figures compare, as sixths of the capacity: 10, 15, 20 and 25 of 30 vehicles per
 /// hour. The paper shows four and does not say which; these are chosen so that two pass a volume over capacity of 1.
-const CAPACITY_ERROR_SIXTHS: [f64; 4] = [2.0, 3.0, 4.0, 5.0];
+pub(super) const CAPACITY_ERROR_SIXTHS: [f64; 4] = [2.0, 3.0, 4.0, 5.0];
 
 /// The table of traffic.
 pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {

@@ -148,15 +148,20 @@ pub fn section_meaning(section: &str) -> &'static str {
     comment(section)
 }
 
-/// The key, or section, whose name is most like this one.
+/// The scenario's key whose name is most like this one.
 pub fn nearest_key(name: &str) -> &'static str {
-    let likeness = |key: &Key| {
-        // A key with the wrong section, or with none, is still recognised by its name.
-        let last = |name: &str| name.rsplit('.').next().unwrap_or_default().to_owned();
-        strsim::jaro_winkler(key.name, name).max(strsim::jaro_winkler(&last(key.name), &last(name)))
-    };
-    let nearest = KEYS.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-    nearest.map_or("", |key| key.name)
+    nearest(name, KEYS.iter().map(|key| key.name))
+}
+
+/// Which of the known keys is most like a name. One with the wrong section, or with none, is still recognised.
+pub fn nearest<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> &'k str {
+    let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+    let likeness =
+        |key: &str| strsim::jaro_winkler(key, name).max(strsim::jaro_winkler(&last(key), &last(name)));
+    let nearest = known
+        .into_iter()
+        .max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+    nearest.unwrap_or_default()
 }
 
 /// The comment behind a key or section in the preset `paper.toml`.

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use firmware::units::Level;
 use serde::{Deserialize, Serialize};
 
-pub use keys::{KEYS, Key, nearest_key, section_meaning};
+pub use keys::{KEYS, Key, nearest, nearest_key, section_meaning};
 #[cfg(not(target_family = "wasm"))]
 pub(crate) use layers::parse as parse_toml;
 pub use layers::{Preset, ScenarioSource};

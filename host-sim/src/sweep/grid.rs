@@ -5,7 +5,7 @@ use super::store::checksum;
 use crate::command::run::{PreparedRun, RunOptions};
 use crate::error::{Error, Result};
 use crate::policy::PolicyName;
-use crate::scenario::parse_toml;
+use crate::scenario::{nearest, parse_toml};
 use clap::Parser;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ impl Grid {
         {
             let expected = format!(
                 "a key of run or of the scenario, such as {}",
-                nearest(key, &known)
+                nearest(key, known.iter().map(|(name, _)| name.as_str()))
             );
             return Err(Error::input(
                 format!("{place}: key {key}"),
@@ -281,20 +281,6 @@ fn flatten(known: &[(String, Kind)], prefix: &str, table: Table, flat: &mut Tabl
             }
         }
     }
-}
-
-/// The known key that takes the fewest edits.
-fn nearest<'k>(key: &str, known: &'k [(String, Kind)]) -> &'k str {
-    let edits = |name: &str| {
-        let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-        // A forgotten or wrong section is one mistake.
-        strsim::damerau_levenshtein(key, name).min(1 + strsim::damerau_levenshtein(&last(key), &last(name)))
-    };
-    known
-        .iter()
-        .map(|(name, _)| name.as_str())
-        .min_by_key(|name| edits(name))
-        .unwrap_or_default()
 }
 
 /// Axes that move together, from `zip = [["table", "radio.max_power_dbm"]]`; every other axis is a group of its own.

@@ -1,9 +1,11 @@
 //! The files that `assign` writes beside its report.
 
-use super::AssignArguments;
-use crate::assignment::{Algorithm, Network, Solution, check, convergence, path_flows, select_link, skims};
+use super::{AssignArguments, flow_files};
+use crate::assignment::{
+    Algorithm, Demand, Network, Solution, convergence, gmns, path_flows, select_link, skims,
+};
 use crate::error::{Error, Result};
-use crate::report::files::write_whole;
+use crate::report::files::{write_set, write_whole};
 use std::path::{Path, PathBuf};
 
 /// Refuses combinations of options that ask for what does not exist, before anything is solved.
@@ -38,13 +40,14 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
 }
 
 /// Every file that a solve can read or write, with its option.
-fn named_files(arguments: &AssignArguments) -> [(&'static str, &Option<PathBuf>); 6] {
+fn named_files(arguments: &AssignArguments) -> [(&'static str, &Option<PathBuf>); 7] {
     [
         ("--flows", &arguments.flows),
         ("--paths", &arguments.paths),
         ("--skims", &arguments.skims),
         ("--selected", &arguments.selected),
         ("--convergence", &arguments.convergence),
+        ("--gmns", &arguments.gmns),
         ("--warm", &arguments.warm),
     ]
 }
@@ -86,39 +89,57 @@ impl<'a> Selection<'a> {
 /// Writes every file that was asked for; all texts are made before the first is written.
 pub(super) fn write(
     arguments: &AssignArguments,
-    network: &Network,
+    (network, demand): (&Network, &Demand),
     selection: &Selection<'_>,
     solution: &Solution,
 ) -> Result<()> {
-    let mut files: Vec<(&Path, String)> = Vec::new();
+    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
     let costs = &solution.link_costs;
     if let Some(path) = &arguments.flows {
-        files.push((path, check::format_flows(network, &solution.link_flows, costs)));
+        files.push((
+            path,
+            flow_files::encode(path, network, &solution.link_flows, costs)?,
+        ));
     }
     if let Some(path) = &arguments.paths {
         let text = path_flows::format_paths(network, &solution.path_flows, costs);
-        files.push((path, text));
+        files.push((path, text.into_bytes()));
     }
     if let Some(path) = &arguments.skims {
         let skims = skims::skims(network, costs)?;
-        files.push((path, skims::format_skims(network, &skims)));
+        files.push((path, skims::format_skims(network, &skims).into_bytes()));
     }
     if let Some(path) = &arguments.selected {
-        files.push((path, selection.format(network, solution)));
+        files.push((path, selection.format(network, solution).into_bytes()));
     }
     if let Some(path) = &arguments.convergence {
         let text = convergence::format_convergence(&solution.convergence);
-        files.push((path, text));
+        files.push((path, text.into_bytes()));
     }
-    for (path, text) in files {
-        write_whole(path, text.as_bytes())?;
+    for (path, bytes) in files {
+        write_whole(path, &bytes)?;
+    }
+    if let Some(folder) = &arguments.gmns {
+        let set = [
+            ("node.csv".to_owned(), gmns::format_nodes(network)),
+            ("link.csv".to_owned(), gmns::format_links(network)),
+            ("demand.csv".to_owned(), gmns::format_demand(network, demand)),
+        ];
+        write_set(folder, &set)?;
     }
     Ok(())
 }
 
 /// What was written, with a word for each, in the order of the options.
 pub(super) fn written(arguments: &AssignArguments) -> impl Iterator<Item = (&'static str, &Path)> {
-    let words = ["link flows", "path flows", "skims", "select link", "convergence"];
+    let words = [
+        "link flows",
+        "path flows",
+        "skims",
+        "select link",
+        "convergence",
+        "GMNS",
+    ];
     let files = words.into_iter().zip(named_files(arguments));
     files.filter_map(|(word, (_, path))| path.as_deref().map(|path| (word, path)))
 }

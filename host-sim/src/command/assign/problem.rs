@@ -1,47 +1,113 @@
-//! What `assign` solves: a network and its demand, in any of the formats.
+//! What `assign` solves and `loop` drives on: a network and its demand, in any of the formats.
 
-use super::AssignArguments;
+use crate::assignment::coordinates::{self, NodePlaces};
 use crate::assignment::grid::Grid;
 use crate::assignment::{CostWeights, Demand, Network, gmns, sumo, tntp};
 use crate::error::{Error, Result};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The name that takes the place of a network file.
-const GRID: &str = "grid";
+pub(in crate::command) const GRID: &str = "grid";
 
-/// Reads the problem: a folder is GMNS, a name that ends in `.xml` SUMO, any other file TNTP.
-pub(super) fn read(arguments: &AssignArguments) -> Result<(Network, Demand)> {
-    if arguments.net == GRID {
-        if let Some(trips) = &arguments.trips {
-            let expected = "none with `--net grid`, which brings its own demand";
-            return Err(Error::input("--trips", trips.display(), expected));
+/// How a TNTP network's file name ends, and how that of its nodes does.
+const TNTP_ENDINGS: (&str, &str) = ("_net.tntp", "_node.tntp");
+
+/// The format of a network: a folder is GMNS, a name that ends in `.xml` SUMO, any other file TNTP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::command) enum Format {
+    Gmns,
+    Sumo,
+    Tntp,
+}
+
+impl Format {
+    /// The format of what stands at `path`.
+    ///
+    /// # Errors
+    /// [`Error::File`] if nothing does.
+    pub(in crate::command) fn of(path: &Path) -> Result<Self> {
+        let found = std::fs::metadata(path).map_err(|source| Error::file(path, source))?;
+        Ok(if found.is_dir() {
+            Self::Gmns
+        } else if path.extension().is_some_and(|extension| extension == "xml") {
+            Self::Sumo
+        } else {
+            Self::Tntp
+        })
+    }
+
+    /// Seconds for each unit of its travel times; for TNTP, which does not say, a minute.
+    pub(in crate::command) fn seconds_per_unit(self) -> f64 {
+        match self {
+            Self::Sumo => 1.0,
+            Self::Gmns | Self::Tntp => 60.0,
         }
-        let grid = Grid::default();
-        return Ok((grid.network()?, grid.demand()?));
     }
-    let path = Path::new(&arguments.net);
-    let weights = CostWeights {
-        toll: arguments.toll_weight,
-        distance: arguments.distance_weight,
-    };
-    let trips = |expected: &str| {
-        let trips = arguments.trips.as_deref();
-        trips.ok_or_else(|| Error::input("--trips", "none", expected))
-    };
-    if path.is_dir() {
-        let trips = trips("a table o_zone_id,d_zone_id,volume for the GMNS network")?;
-        let network = gmns::read_network(path, weights)?;
-        let demand = gmns::read_demand(trips, &network)?;
-        return Ok((network, demand));
+}
+
+/// The grid with its own demand.
+pub(super) fn grid() -> Result<(Network, Demand)> {
+    let grid = Grid::default();
+    Ok((grid.network()?, grid.demand()?))
+}
+
+/// Reads a network and its trips.
+pub(in crate::command) fn read(
+    path: &Path,
+    trips: Option<&Path>,
+    weights: CostWeights,
+) -> Result<(Network, Demand)> {
+    let format = Format::of(path)?;
+    let trips = |expected: &str| trips.ok_or_else(|| Error::input("--trips", "none", expected));
+    match format {
+        Format::Gmns => {
+            let trips = trips("a table o_zone_id,d_zone_id,volume for the GMNS network")?;
+            let network = gmns::read_network(path, weights)?;
+            let demand = gmns::read_demand(trips, &network)?;
+            Ok((network, demand))
+        }
+        Format::Sumo => {
+            let trips = trips("SUMO trips or routes for the network file")?;
+            let network = sumo::read_network(path, &sumo::LaneModel::default(), weights)?;
+            let demand = network.read_trips(trips)?;
+            Ok((network.network, demand))
+        }
+        Format::Tntp => {
+            let trips = trips("a TNTP trip table for the network file")?;
+            let network = tntp::read_network(path, weights)?;
+            let demand = tntp::read_trips(trips, network.numbering().zones)?;
+            Ok((network, demand))
+        }
     }
-    if path.extension().is_some_and(|extension| extension == "xml") {
-        let trips = trips("SUMO trips or routes for the network file")?;
-        let network = sumo::read_network(path, &sumo::LaneModel::default(), weights)?;
-        let demand = network.read_trips(trips)?;
-        return Ok((network.network, demand));
+}
+
+/// Reads where a network's nodes lie: from the network itself, for TNTP from `nodes` or the file of nodes beside it.
+pub(in crate::command) fn read_places(
+    path: &Path,
+    nodes: Option<&Path>,
+    network: &Network,
+) -> Result<NodePlaces> {
+    match (Format::of(path)?, nodes) {
+        (Format::Gmns, None) => coordinates::read_gmns(path, network),
+        (Format::Sumo, None) => coordinates::read_sumo(path, network),
+        (Format::Tntp, Some(nodes)) => coordinates::read_tntp(nodes, network),
+        (Format::Tntp, None) => {
+            let beside = nodes_beside(path).ok_or_else(|| {
+                let expected = "a TNTP node file with the coordinates of every node";
+                Error::input("--nodes", "none", expected)
+            })?;
+            coordinates::read_tntp(&beside, network)
+        }
+        (_, Some(nodes)) => {
+            let expected = "none: this network has its coordinates in itself";
+            Err(Error::input("--nodes", nodes.display(), expected))
+        }
     }
-    let trips = trips("a TNTP trip table for the network file")?;
-    let network = tntp::read_network(path, weights)?;
-    let demand = tntp::read_trips(trips, network.numbering().zones)?;
-    Ok((network, demand))
+}
+
+/// `Name_node.tntp` beside `Name_net.tntp`, if it exists.
+fn nodes_beside(path: &Path) -> Option<PathBuf> {
+    let name = path.file_name()?.to_str()?.strip_suffix(TNTP_ENDINGS.0)?;
+    let beside = path.with_file_name(format!("{name}{}", TNTP_ENDINGS.1));
+    beside.exists().then_some(beside)
 }

@@ -10,11 +10,13 @@ mod canvas;
 mod line;
 mod map;
 mod occupancy;
+mod panels;
 
 pub use bar::{Bar, BarChart};
 pub use line::{LineChart, Point, Series};
 pub use map::MapChart;
 pub use occupancy::{OccupancyChart, OccupancyGroup, SlotUse};
+pub use panels::side_by_side;
 
 use crate::error::{Error, Result};
 
