@@ -148,7 +148,7 @@ impl<'s> Environment<'s> {
     /// The most vehicles at once.
     pub fn most_vehicles(&self) -> usize {
         match self.source {
-            MobilitySource::Grid => self.vehicles,
+            MobilitySource::Grid | MobilitySource::Streets(_) => self.vehicles,
             MobilitySource::Trace(_) => self.source.most_vehicles(self.scenario),
         }
     }
