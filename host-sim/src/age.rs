@@ -22,6 +22,8 @@ pub struct WorldAges {
     by_vehicle: Vec<Mean>,
     successes: u64,
     slots: u64,
+    /// How many slots those waited to be heard who joined the running world; `None` who never was.
+    pub joiner_waits: Vec<Option<u32>>,
 }
 
 /// A sum and what it is over.
@@ -158,6 +160,7 @@ impl AgeCounter {
                 .collect(),
             successes: u64::from(self.successes.get(world, 0)),
             slots: self.slots,
+            joiner_waits: Vec::new(),
         };
         (0..self.worlds).map(world).collect()
     }
@@ -170,6 +173,38 @@ fn add<T: Copy + Into<u32>>(sums: &mut Row<u32>, values: &Row<T>) {
     }
 }
 
+/// Vehicles that joined running worlds: slots from association to the first success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Joiners {
+    /// How many.
+    pub count: usize,
+    /// Half of them were heard after at most this many slots; `None` if more than half never were.
+    pub median_slots: Option<u32>,
+    /// Nine in ten of them.
+    pub p90_slots: Option<u32>,
+}
+
+impl Joiners {
+    fn new(worlds: &[WorldAges]) -> Option<Self> {
+        let mut waits: Vec<u32> = worlds
+            .iter()
+            .flat_map(|world| &world.joiner_waits)
+            .map(|wait| wait.unwrap_or(u32::MAX))
+            .collect();
+        waits.sort_unstable();
+        // The smallest wait that at least this share does not exceed.
+        let quantile = |tenths: usize| {
+            let wait = waits[(waits.len() * tenths).div_ceil(10) - 1];
+            (wait < u32::MAX).then_some(wait)
+        };
+        (!waits.is_empty()).then(|| Self {
+            count: waits.len(),
+            median_slots: quantile(5),
+            p90_slots: quantile(9),
+        })
+    }
+}
+
 /// Ages over the worlds of a run. One slot is 1 ms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgeSummary {
@@ -179,6 +214,10 @@ pub struct AgeSummary {
     pub ci95_ms: Option<f64>,
     /// Median over worlds of their means.
     pub median_world_ms: f64,
+    /// Mean of each world in which a vehicle was present after warm-up, in the order of worlds.
+    pub by_world_ms: Vec<f64>,
+    /// Those who joined running worlds, if any did.
+    pub joiners: Option<Joiners>,
     /// 99th percentile over all vehicle-slots after warm-up.
     pub p99_ms: f64,
     /// Mean over vehicles and the first 100 slots.
@@ -201,6 +240,7 @@ impl AgeSummary {
             return None;
         }
         let (mean_ms, ci95_ms) = Self::mean_and_interval(&means);
+        let by_world_ms = means.clone();
         means.sort_by(f64::total_cmp);
         let median_world_ms = f64::midpoint(means[(means.len() - 1) / 2], means[means.len() / 2]);
 
@@ -233,6 +273,8 @@ impl AgeSummary {
             mean_ms,
             ci95_ms,
             median_world_ms,
+            by_world_ms,
+            joiners: Joiners::new(worlds),
             p99_ms: quantile(&histogram, 0.99),
             first100_ms: cold_start.value().unwrap_or(mean_ms),
             success_per_slot: successes as f64 / slots as f64,

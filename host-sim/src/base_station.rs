@@ -79,32 +79,53 @@ impl BaseStation {
         if arrivals.is_empty() && departures.is_empty() {
             return;
         }
-        if self.slot > 0 {
-            let mut before = self.spare.pop().unwrap_or_else(|| self.members.clone());
-            before.as_flat_mut().copy_from_slice(self.members.as_flat());
-            self.past.push_back((self.slot - 1, before));
-        }
-        self.changed = true;
-        let groups = self.groups();
+        self.remember_sizes();
         for world in 0..worlds {
             for &vehicle in departures {
-                let group = usize::from(self.home.get(world, vehicle));
-                if group < groups {
-                    let members = self.members.get(world, group);
-                    self.members.set(world, group, members - 1);
-                }
-                self.home.set(world, vehicle, NO_GROUP);
+                self.leave(world, vehicle);
             }
             let gain_db = |vehicle| large_scale_db.get(world, vehicle);
             arrivals.sort_unstable_by(|&a, &b| gain_db(a).total_cmp(&gain_db(b)).then(a.cmp(&b)));
             for &vehicle in arrivals.iter() {
-                let smallest = (0..groups).min_by_key(|&group| self.members.get(world, group));
-                if let Some(group) = smallest {
-                    self.home.set(world, vehicle, group as u8);
-                    let members = self.members.get(world, group);
-                    self.members.set(world, group, members + 1);
-                }
+                self.join(world, vehicle);
             }
+        }
+    }
+
+    /// Another vehicle takes a vehicle's index in one world: it associates anew.
+    pub fn replace(&mut self, world: usize, vehicle: usize) {
+        self.remember_sizes();
+        self.leave(world, vehicle);
+        self.join(world, vehicle);
+    }
+
+    /// Keeps the sizes of the slot before, which are about to change.
+    fn remember_sizes(&mut self) {
+        self.changed = true;
+        let known = self.past.back().map(|&(last_slot, _)| last_slot + 1);
+        if self.slot > 0 && known != Some(self.slot) {
+            let mut before = self.spare.pop().unwrap_or_else(|| self.members.clone());
+            before.as_flat_mut().copy_from_slice(self.members.as_flat());
+            self.past.push_back((self.slot - 1, before));
+        }
+    }
+
+    fn leave(&mut self, world: usize, vehicle: usize) {
+        let group = usize::from(self.home.get(world, vehicle));
+        if group < self.groups() {
+            let members = self.members.get(world, group);
+            self.members.set(world, group, members - 1);
+        }
+        self.home.set(world, vehicle, NO_GROUP);
+    }
+
+    /// Puts a vehicle into the smallest group.
+    fn join(&mut self, world: usize, vehicle: usize) {
+        let smallest = (0..self.groups()).min_by_key(|&group| self.members.get(world, group));
+        if let Some(group) = smallest {
+            self.home.set(world, vehicle, group as u8);
+            let members = self.members.get(world, group);
+            self.members.set(world, group, members + 1);
         }
     }
 

@@ -9,6 +9,7 @@
 use crate::base_station::BaseStation;
 use crate::cell::Cell;
 use crate::channel::Channel;
+use crate::churn::Churn;
 use crate::decisions::Decisions;
 use crate::lanes::{LANES, Rows, Vectors};
 use crate::mobility::{Mobility, MobilitySource, Place};
@@ -37,6 +38,9 @@ pub struct Environment<'s> {
     present: Vec<usize>,
     arrivals: Vec<usize>,
     departures: Vec<usize>,
+    /// By world; none where nobody is replaced.
+    churn: Vec<Churn>,
+    replaced: Vec<usize>,
     channel: Channel<'s>,
     radio: Radio,
     base_station: BaseStation,
@@ -83,6 +87,11 @@ impl<'s> Environment<'s> {
             present: Vec::new(),
             arrivals: Vec::new(),
             departures: Vec::new(),
+            churn: keys
+                .iter()
+                .filter_map(|key| Churn::new(scenario.cell.replacement_probability, vehicles, key))
+                .collect(),
+            replaced: Vec::new(),
             channel: Channel::new(scenario, vehicles, &keys),
             radio: Radio::new(&scenario.radio, count, vehicles),
             base_station: BaseStation::new(&scenario.broadcast, count, vehicles, sub_channels),
@@ -293,8 +302,19 @@ impl<'s> Environment<'s> {
                 },
             );
         }
+        let (slot, received) = (self.elapsed(), self.radio.received());
+        for (world, churn) in self.churn.iter_mut().enumerate() {
+            churn.hear(slot, |vehicle| received.get(world, vehicle) > 0);
+        }
         self.slot += 1;
         self.begin_slot();
+    }
+
+    /// How many slots those waited to be heard who joined a world that was running: see [`Churn::waits`]. Slots count from
+    /// the world's start.
+    pub fn joiner_waits(&self, world: usize, first: u32) -> Vec<Option<u32>> {
+        let churn = self.churn.get(world);
+        churn.map_or_else(Vec::new, |churn| churn.waits(first, self.elapsed()).collect())
     }
 
     /// Moves vehicles where it is time, draws the slot's fading and prepares the broadcasts.
@@ -305,8 +325,33 @@ impl<'s> Environment<'s> {
         {
             self.move_vehicles();
         }
+        if self.elapsed() > 0 {
+            self.replace_vehicles();
+        }
         self.channel.fade(self.vectors, &self.present);
         self.base_station.prepare(self.vectors, &self.present, &self.ages);
+    }
+
+    /// Lets vehicles leave, and others take their indices. A unit decides by its measurement alone as long as it has one in every
+    /// slot, so a new one needs nothing besides.
+    fn replace_vehicles(&mut self) {
+        let slot = self.elapsed();
+        for (world, churn) in self.churn.iter_mut().enumerate() {
+            churn.draw(&self.present, slot, &mut self.replaced);
+            for &vehicle in &self.replaced {
+                let Some(place) = self.mobility[world].replace(vehicle) else {
+                    continue;
+                };
+                let places = &mut self.places[world];
+                if let Ok(index) = places.binary_search_by_key(&vehicle, |&(known, _)| known) {
+                    places[index].1 = place;
+                }
+                self.channel.replace(world, vehicle, place);
+                self.base_station.replace(world, vehicle);
+                self.radio.arrive_in(world, vehicle);
+                self.ages.set(world, vehicle, Age::MAX.slots());
+            }
+        }
     }
 
     fn move_vehicles(&mut self) {

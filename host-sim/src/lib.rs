@@ -18,6 +18,7 @@ pub mod base_station;
 pub mod capacity;
 pub mod cell;
 pub mod channel;
+pub mod churn;
 pub mod closed_loop;
 #[cfg(not(target_family = "wasm"))]
 pub mod command;

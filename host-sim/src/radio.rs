@@ -65,6 +65,14 @@ impl Radio {
         }
     }
 
+    /// One that arrives in a single world.
+    pub fn arrive_in(&mut self, world: usize, vehicle: usize) {
+        for sub_channel in 0..self.sub_channels {
+            self.interference_db
+                .set(world, vehicle * self.sub_channels + sub_channel, 0.0);
+        }
+    }
+
     /// A vehicle that left is not received.
     pub fn leave(&mut self, vehicle: usize) {
         self.received.fill(vehicle, 0);

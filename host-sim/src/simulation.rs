@@ -146,7 +146,11 @@ pub fn run_worlds(
         );
         after_slot(environment);
     }
-    ages.worlds()
+    let mut ages = ages.worlds();
+    for (world, ages) in ages.iter_mut().enumerate() {
+        ages.joiner_waits = environment.joiner_waits(world, extent.warmup);
+    }
+    ages
 }
 
 /// Lets everybody decide once, and steps.

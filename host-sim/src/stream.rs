@@ -29,6 +29,8 @@ pub enum Role {
     BackOff = 4,
     /// When capacity is lost, one member a block.
     Incidents = 5,
+    /// Who is replaced when.
+    Replacement = 6,
 }
 
 /// One world of a run.

@@ -4,7 +4,7 @@
 use firmware::table::Table;
 use host_sim::assignment::coordinates::{LengthUnit, NodePlaces, parse_tntp};
 use host_sim::assignment::tntp::{read_network, read_trips};
-use host_sim::assignment::{CostWeights, Demand, Link, Network, NodeNumbering, demand::Trip};
+use host_sim::assignment::{CostWeights, Demand, Link, Network, NodeNumbering};
 use host_sim::closed_loop::{LoopSummary, closed_loop};
 use host_sim::command::options::thread_pool;
 use host_sim::mobility::{Mobility, MobilitySource, StreetMap};

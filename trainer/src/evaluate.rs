@@ -1,13 +1,18 @@
-//! The float network beside its int8 table, on the same held-out worlds.
+//! Trained actors as policies, in float and in int8, on the same held-out worlds.
 
 use crate::distil::{as_float, best_action};
-use crate::network::Network;
+use crate::laboratory::actors::Actors;
+use crate::laboratory::forms::{ObservationForm, OutputForm};
 use firmware::actor::Actor;
+use firmware::decision::PowerPlan;
 use firmware::observation::Observation;
 use firmware::table::Table;
+use firmware::unit::{Event, Unit};
+use firmware::units::Level;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::policy::Policy;
+use host_sim::stream::{Role, Stream};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Decisions on which the two forms agree.
@@ -25,44 +30,170 @@ impl Agreement {
     }
 }
 
-/// The float network decides; at every decision the int8 form is asked too.
-pub struct FloatActor<'a> {
-    network: &'a Network,
-    table: &'a Table<'a>,
-    quantised: Actor<'a>,
-    agreement: &'a Agreement,
+/// The scenario's part in what an actor sees and does.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Level at which a lone transmission succeeds.
+    pub required_sinr: Level,
+    /// How actions become power.
+    pub power_plan: PowerPlan,
 }
 
-impl<'a> FloatActor<'a> {
-    /// Counts into `agreement`.
-    pub fn new(network: &'a Network, table: &'a Table<'a>, agreement: &'a Agreement) -> Self {
+impl Setting {
+    /// That of the scenario that a table was made for.
+    pub fn of_table(table: &Table<'_>) -> Self {
         Self {
-            network,
-            table,
-            quantised: Actor::new(table.clone()),
-            agreement,
+            required_sinr: table.required_sinr(),
+            power_plan: *table.power_plan(),
         }
     }
 }
 
-impl Policy for FloatActor<'_> {
+/// The float networks decide.
+pub struct FloatActors<'a> {
+    actors: &'a Actors,
+    setting: Setting,
+    /// Of exploration, one a world; without them every decision is greedy.
+    explore: Vec<Stream>,
+    inputs: Vec<f32>,
+    /// One table, or one for each vehicle, that is asked too.
+    quantised: Vec<Actor<'a>>,
+    agreement: &'a Agreement,
+}
+
+impl<'a> FloatActors<'a> {
+    /// Greedy; at every decision the int8 form is asked too, if there is one, and counted into `agreement`.
+    pub fn greedy(
+        actors: &'a Actors,
+        setting: Setting,
+        tables: &[Table<'a>],
+        agreement: &'a Agreement,
+    ) -> Self {
+        Self {
+            actors,
+            setting,
+            explore: Vec::new(),
+            inputs: vec![0.0; actors.form.observation.length()],
+            quantised: tables.iter().cloned().map(Actor::new).collect(),
+            agreement,
+        }
+    }
+
+    /// As in training, with a stream of each world's own.
+    pub fn exploring(
+        actors: &'a Actors,
+        setting: Setting,
+        environment: &Environment<'_>,
+        agreement: &'a Agreement,
+    ) -> Self {
+        Self {
+            explore: environment
+                .keys()
+                .iter()
+                .map(|key| key.stream(Role::Policy, u32::MAX))
+                .collect(),
+            ..Self::greedy(actors, setting, &[], agreement)
+        }
+    }
+}
+
+impl Policy for FloatActors<'_> {
     fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let Setting {
+            required_sinr,
+            power_plan,
+        } = self.setting;
+        let form = self.actors.form;
+        let last = self.quantised.len().saturating_sub(1);
         let (mut same, mut all) = (0, 0);
         for &vehicle in environment.present() {
             for world in 0..environment.worlds() {
                 let Some(measurement) = environment.measurement(world, vehicle) else {
                     continue;
                 };
-                let observation = Observation::new(&measurement);
-                let input = observation.encode(self.table.required_sinr());
-                let action = best_action(&self.network.forward(&as_float(&input)));
-                same += u64::from(action == self.quantised.act(&observation));
-                all += 1;
-                let decision = self.table.power_plan().decision(action, &observation);
+                form.observation
+                    .write(&measurement, required_sinr, &mut self.inputs);
+                let outputs = self.actors.network(vehicle).forward(&self.inputs);
+                let explore = self.explore.get_mut(world);
+                let decision = form.output.decide(&outputs, &measurement, &power_plan, explore);
                 decisions.set(world, vehicle, decision);
+                if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
+                    let observation = Observation::new(&measurement);
+                    same += u64::from(best_action(&outputs) == quantised.act(&observation));
+                    all += 1;
+                }
             }
         }
         let _ = self.agreement.same.fetch_add(same, Ordering::Relaxed);
         let _ = self.agreement.all.fetch_add(all, Ordering::Relaxed);
+    }
+}
+
+/// The firmware's units, each vehicle with a table of its own.
+pub struct OwnTables<'a> {
+    /// `[world][vehicle]`.
+    units: Vec<Unit<'a, Stream>>,
+}
+
+impl<'a> OwnTables<'a> {
+    /// As many tables as there are vehicles, or more.
+    pub fn new(tables: &'a [Table<'a>], environment: &Environment<'_>) -> Self {
+        let mut units = Vec::new();
+        for key in environment.keys() {
+            for (vehicle, table) in (0..).zip(&tables[..environment.vehicles()]) {
+                units.push(Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle)));
+            }
+        }
+        Self { units }
+    }
+}
+
+impl Policy for OwnTables<'_> {
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        for world in 0..environment.worlds() {
+            for &vehicle in environment.present() {
+                let event = environment
+                    .measurement(world, vehicle)
+                    .map_or(Event::Missed(environment.slot()), Event::Measured);
+                let unit = &mut self.units[world * environment.vehicles() + vehicle];
+                if let Some(report) = unit.slot(&event) {
+                    decisions.set(world, vehicle, report.decision);
+                }
+            }
+        }
+    }
+}
+
+/// What the greedy networks see in the worlds of an environment, vehicle by vehicle in every slot, as the firmware encodes it:
+/// for calibration.
+///
+/// # Panics
+/// If the actors are not of the firmware's form.
+pub fn watch_inputs(
+    environment: &mut Environment<'_>,
+    actors: &Actors,
+    setting: Setting,
+    slots: u32,
+    mut seen: impl FnMut(usize, [i8; firmware::observation::INPUTS]),
+) {
+    assert_eq!(
+        (actors.form.observation, actors.form.output),
+        (ObservationForm::Firmware, OutputForm::Actions)
+    );
+    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+    for _ in 0..slots {
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
+                let observation = Observation::new(&measurement);
+                let input = observation.encode(setting.required_sinr);
+                let action = best_action(&actors.network(vehicle).forward(&as_float(&input)));
+                decisions.set(world, vehicle, setting.power_plan.decision(action, &observation));
+                seen(vehicle, input);
+            }
+        }
+        environment.step(&decisions);
     }
 }

@@ -3,10 +3,17 @@
 //! [`distil`] imitates the AoI clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
 //! what that changed; [`export`] writes tables and files; [`evaluate`] compares float and int8 on held-out worlds.
 
+pub mod actor_table;
 pub mod command;
 pub mod distil;
 pub mod evaluate;
+pub mod evolution;
 pub mod export;
+pub mod laboratory;
+pub mod learning_curves;
 pub mod network;
+pub mod onnx;
 pub mod quantise;
 pub mod run_folder;
+pub mod study;
+pub mod toy;

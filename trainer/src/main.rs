@@ -16,6 +16,10 @@ struct CommandLine {
 enum Command {
     /// Distil the AoI clock into a small int8 network
     Distil(command::distil::DistilArguments),
+    /// Run a learning algorithm
+    Train(command::train::TrainArguments),
+    /// Train and evaluate the cases of a plan, and write one table
+    Study(command::study::StudyArguments),
     /// Ages of a table, or of a training run, on held-out worlds
     Eval(command::eval::EvalArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
@@ -34,6 +38,8 @@ fn main() -> ExitCode {
     };
     let outcome = match line.command {
         Command::Distil(arguments) => command::distil::run(&arguments),
+        Command::Train(arguments) => command::train::run(&arguments),
+        Command::Study(arguments) => command::study::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
         Command::Completions { shell } => host_sim::command::print_completions::<CommandLine>(shell),

@@ -72,6 +72,12 @@ impl<'s> Channel<'s> {
         }
     }
 
+    /// Another vehicle takes a vehicle's index in one world: nothing of its shadowing stays.
+    pub fn replace(&mut self, world: usize, vehicle: usize, place: Place) {
+        self.shadowing[world * self.vehicles + vehicle] = None;
+        self.move_to(world, &[(vehicle, place)]);
+    }
+
     /// Draws the slot's fast fading: Rayleigh, so the power is exponential with mean 1.
     pub fn fade(&mut self, vectors: Vectors, present: &[usize]) {
         let (gain_db, large_scale_db) = (&mut self.gain_db, &self.large_scale_db);

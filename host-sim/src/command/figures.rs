@@ -1,11 +1,11 @@
-//! `host-sim figures`: the paper's path-planning figures, with their data. They sweep delta m themselves: once along all
-//! ages, once at the ages that the policies reach.
+//! `host-sim figures`: the paper's figures with their data. Path planning sweeps delta m itself, once along all ages and once
+//! at the ages that the policies reach; learning is drawn from runs that come with the program.
 
 use crate::command::options::{ScenarioArguments, progress_bar, thread_pool};
 use crate::command::run::{PreparedRun, RunOptions};
 use crate::error::{Error, Result};
 use crate::report::measured_traffic::{self, MeasuredAges};
-use crate::report::{files, traffic};
+use crate::report::{files, learning, traffic};
 use crate::say;
 use crate::traffic::{RoadAges, TrafficModel};
 use serde_json::json;
@@ -72,6 +72,7 @@ pub fn run(arguments: &FigureArguments) -> Result<()> {
         measured_traffic::figures(&prepared.scenario, &ages, &prepared.description())
     })?;
     set.extend(measured);
+    set.extend(learning::paper_figures()?);
     files::write_set(&arguments.out, &set)?;
     let files: Vec<String> = set
         .iter()

@@ -81,6 +81,15 @@ impl MobilitySource {
     /// [`Error::Input`] if no vehicle ever comes within 10 km: the trace is then in other coordinates.
     pub fn check_places(&self, scenario: &Scenario) -> Result<()> {
         let Self::Trace(trace) = self else { return Ok(()) };
+        let probability = scenario.cell.replacement_probability;
+        if probability > 0.0 {
+            let expected = "0 with a trace, whose vehicles come and go by themselves";
+            return Err(Error::input(
+                "cell.replacement_probability",
+                probability,
+                expected,
+            ));
+        }
         let (x_m, y_m) = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
         let mut cursor = trace.cursor();
         let mut nearest_m = f64::INFINITY;
@@ -161,6 +170,14 @@ impl<'s> Mobility<'s> {
             Self::Grid(grid) => grid.vehicles(),
             Self::Streets(streets) => streets.vehicles(),
             Self::Trace { last, .. } => last.len(),
+        }
+    }
+
+    /// Another vehicle takes a vehicle's index; its place. A trace has vehicles of its own, which nobody replaces.
+    pub fn replace(&mut self, vehicle: usize) -> Option<Place> {
+        match self {
+            Self::Grid(grid) => Some(grid.replace(vehicle)),
+            Self::Trace { .. } => None,
         }
     }
 

@@ -60,21 +60,7 @@ impl<'s> UrbanGrid<'s> {
     pub fn new(scenario: &'s MobilityScenario, count: u32, mut stream: Stream) -> Self {
         let lanes = Heading::ALL.map(|heading| lanes(scenario, heading));
         let vehicles = (0..count)
-            .map(|_| {
-                let index = stream.below(4) as usize;
-                let heading = Heading::ALL[index];
-                let across_m = lanes[index][stream.below(lanes[index].len() as u32) as usize];
-                let along_m = stream.uniform_between(0.0, extent(scenario, heading));
-                let speed_m_per_s =
-                    stream.uniform_between(scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
-                Vehicle {
-                    heading,
-                    across_m,
-                    along_m,
-                    speed_m_per_s,
-                    moved_m: 0.0,
-                }
-            })
+            .map(|_| Vehicle::draw(scenario, &lanes, &mut stream))
             .collect();
         Self {
             scenario,
@@ -125,19 +111,44 @@ impl<'s> UrbanGrid<'s> {
         for (index, vehicle) in self.vehicles.iter_mut().enumerate() {
             vehicle.moved_m = vehicle.speed_m_per_s * seconds;
             drive(vehicle, self.scenario, &self.lanes, &mut self.stream);
-            let (x_m, y_m) = if vehicle.heading.along_y() {
-                (vehicle.across_m, vehicle.along_m)
-            } else {
-                (vehicle.along_m, vehicle.across_m)
-            };
-            places.push((
-                index,
-                Place {
-                    x_m,
-                    y_m,
-                    moved_m: vehicle.moved_m,
-                },
-            ));
+            places.push((index, vehicle.place()));
+        }
+    }
+
+    /// Another vehicle takes a vehicle's index, anywhere on the grid.
+    pub fn replace(&mut self, vehicle: usize) -> Place {
+        self.vehicles[vehicle] = Vehicle::draw(self.scenario, &self.lanes, &mut self.stream);
+        self.vehicles[vehicle].place()
+    }
+}
+
+impl Vehicle {
+    /// Uniform heading, lane, place and speed.
+    fn draw(scenario: &MobilityScenario, lanes: &[Vec<f64>; 4], stream: &mut Stream) -> Self {
+        let index = stream.below(4) as usize;
+        let heading = Heading::ALL[index];
+        let across_m = lanes[index][stream.below(lanes[index].len() as u32) as usize];
+        let along_m = stream.uniform_between(0.0, extent(scenario, heading));
+        let speed_m_per_s = stream.uniform_between(scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
+        Self {
+            heading,
+            across_m,
+            along_m,
+            speed_m_per_s,
+            moved_m: 0.0,
+        }
+    }
+
+    fn place(&self) -> Place {
+        let (x_m, y_m) = if self.heading.along_y() {
+            (self.across_m, self.along_m)
+        } else {
+            (self.along_m, self.across_m)
+        };
+        Place {
+            x_m,
+            y_m,
+            moved_m: self.moved_m,
         }
     }
 }

@@ -8,6 +8,7 @@ pub mod columns;
 pub mod csv;
 pub mod files;
 pub mod html;
+pub mod learning;
 pub mod measured_traffic;
 pub mod output;
 pub mod pages;

@@ -27,6 +27,7 @@ const FAR_M: f64 = 1e8;
 /// Every key, in the order of the presets. Levels and powers stay within what units express, -128 to 128 dB.
 pub const KEYS: &[Key] = &[
     key("cell.vehicles", "vehicles", 1.0, 10_000.0),
+    key("cell.replacement_probability", "1/slot", 0.0, 0.5),
     key("cell.base_station_x_m", "m", -FAR_M, FAR_M),
     key("cell.base_station_y_m", "m", -FAR_M, FAR_M),
     key("cell.base_station_height_m", "m", 0.0, LARGE),

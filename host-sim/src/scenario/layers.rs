@@ -31,7 +31,7 @@ impl Preset {
     pub fn values(self) -> Table {
         let mut values = Self::Paper.text().parse().unwrap_or_default();
         let layer = self.text().parse().unwrap_or_default();
-        let overlaid = overlay(&mut values, layer, "", None);
+        let overlaid = overlay(&mut values, layer, "", None, nearest);
         debug_assert!(overlaid.is_ok(), "{overlaid:?}");
         values
     }
@@ -55,18 +55,7 @@ impl ScenarioSource {
     /// [`Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Scenario> {
         let mut table = self.preset.values();
-        if let Some(path) = &self.file {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-            overlay(
-                &mut table,
-                parse(&path.display().to_string(), &text)?,
-                "",
-                Some(path),
-            )?;
-        }
-        for setting in &self.settings {
-            overlay(&mut table, parse_setting(setting)?, "", None)?;
-        }
+        lay_over(&mut table, self.file.as_deref(), &self.settings, nearest)?;
         let scenario: Scenario = table.clone().try_into().map_err(|error: toml::de::Error| {
             let place = self
                 .file
@@ -107,8 +96,41 @@ impl ScenarioSource {
     }
 }
 
-/// A TOML text, or the line that is none.
-pub(crate) fn parse(place: &str, text: &str) -> Result<Table> {
+/// What to expect instead of an unknown key; it gets the key, and the keys that its table has.
+pub type Suggest = fn(&str, &Table) -> String;
+
+/// The nearest key of a scenario.
+fn nearest(key: &str, _known: &Table) -> String {
+    format!("{}, or another key of `host-sim explain`", nearest_key(key))
+}
+
+/// All keys of the table.
+pub fn siblings(key: &str, known: &Table) -> String {
+    let prefix = key.rfind('.').map_or("", |dot| &key[..=dot]);
+    let known: Vec<_> = known.keys().map(|name| format!("{prefix}{name}")).collect();
+    format!("one of {}", known.join(", "))
+}
+
+/// Lays a file, then `KEY=VALUE` settings over a table that has every key with a value of its type.
+///
+/// # Errors
+/// [`Error::Input`] names the file and line, the key or the setting.
+pub fn lay_over(base: &mut Table, file: Option<&Path>, settings: &[String], suggest: Suggest) -> Result<()> {
+    if let Some(path) = file {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+        let layer = parse(&path.display().to_string(), &text)?;
+        overlay(base, layer, "", Some(path), suggest)?;
+    }
+    settings
+        .iter()
+        .try_for_each(|setting| overlay(base, parse_setting(setting)?, "", None, suggest))
+}
+
+/// TOML text as a table.
+///
+/// # Errors
+/// [`Error::Input`] names the place and the line.
+pub fn parse(place: &str, text: &str) -> Result<Table> {
     text.parse().map_err(|error: toml::de::Error| {
         let line = error
             .span()
@@ -140,7 +162,16 @@ fn parse_setting(setting: &str) -> Result<Table> {
 }
 
 /// Replaces values of `base` by those of `layer`. Every key must exist in `base`, and a table must stay a table.
-fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Input`] names the key, and the file if there is one.
+pub fn overlay(
+    base: &mut Table,
+    layer: Table,
+    prefix: &str,
+    file: Option<&Path>,
+    suggest: Suggest,
+) -> Result<()> {
     let place = |key: &str| match file {
         Some(path) => format!("{}: key {key}", path.display()),
         None => format!("--set {key}"),
@@ -148,12 +179,11 @@ fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) ->
     for (name, value) in layer {
         let key = format!("{prefix}{name}");
         if !base.contains_key(&name) {
-            let expected = format!("{}, or another key of `host-sim explain`", nearest_key(&key));
-            return Err(Error::input(place(&key), "an unknown key", expected));
+            return Err(Error::input(place(&key), "an unknown key", suggest(&key, base)));
         }
         match (base.get_mut(&name), value) {
             (Some(Value::Table(inner)), Value::Table(layer)) => {
-                overlay(inner, layer, &format!("{key}."), file)?
+                overlay(inner, layer, &format!("{key}."), file, suggest)?
             }
             (Some(Value::Table(_)), other) => {
                 return Err(Error::input(
@@ -163,16 +193,19 @@ fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) ->
                 ));
             }
             (Some(slot), value) => {
-                let numbers = matches!(
-                    (&*slot, &value),
-                    (Value::Float(_), Value::Integer(_) | Value::Float(_))
-                ) || matches!((&*slot, &value), (Value::Integer(_), Value::Integer(n)) if u32::try_from(*n).is_ok());
-                if !numbers {
-                    let expected = if slot.is_float() {
-                        "a number"
-                    } else {
-                        "a whole number from 0 to 4294967295"
-                    };
+                let (fits, expected) = match (&*slot, &value) {
+                    (Value::Float(_), value) => (value.is_float() || value.is_integer(), "a number"),
+                    (Value::Integer(_), Value::Integer(value)) => (
+                        u32::try_from(*value).is_ok(),
+                        "a whole number from 0 to 4294967295",
+                    ),
+                    (Value::Integer(_), _) => (false, "a whole number from 0 to 4294967295"),
+                    (Value::String(_), value) => (value.is_str(), "text"),
+                    (Value::Boolean(_), value) => (value.is_bool(), "true or false"),
+                    (Value::Array(_), value) => (value.is_array(), "a list such as [64, 64]"),
+                    (slot, value) => (slot.same_type(value), slot.type_str()),
+                };
+                if !fits {
                     return Err(Error::input(place(&key), value, expected));
                 }
                 *slot = value;

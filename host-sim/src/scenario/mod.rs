@@ -4,7 +4,7 @@
 //! `paper.toml` says what each key means and where it comes from, [`KEYS`] its unit and range.
 
 mod keys;
-mod layers;
+pub mod layers;
 
 use crate::error::{Error, Result};
 use firmware::units::Level;
@@ -36,6 +36,7 @@ pub struct Scenario {
 #[allow(missing_docs, reason = "the presets document every key")]
 pub struct CellScenario {
     pub vehicles: u32,
+    pub replacement_probability: f64,
     pub base_station_x_m: f64,
     pub base_station_y_m: f64,
     pub base_station_height_m: f64,
@@ -162,7 +163,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The first key, as `section.key`, that is out of its range.
-    fn check(&self, values: &toml::Table) -> Result<()> {
+    pub fn check(&self, values: &toml::Table) -> Result<()> {
         KEYS.iter().try_for_each(|key| key.check(values))?;
         let Self {
             mobility, traffic, ..

@@ -3,3 +3,5 @@
 pub mod distil;
 pub mod eval;
 pub mod export;
+pub mod study;
+pub mod train;

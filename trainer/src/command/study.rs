@@ -1,0 +1,155 @@
+//! `trainer study`: cases and seeds of a plan, trained, evaluated and written as one table.
+
+use crate::learning_curves::learning_curves;
+use crate::study::{Plan, StudyConduct, StudyRun};
+use host_sim::error::Result;
+use host_sim::report::csv::Csv;
+use host_sim::report::files::{write_set, write_whole};
+use host_sim::say;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Options of `study`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct StudyArguments {
+    /// Plan file: preset, settings, seeds, evaluation and cases (see trainer/studies)
+    #[arg(long, value_name = "FILE")]
+    pub plan: PathBuf,
+    /// Folder for the runs and the tables; finished runs in it are not done again
+    #[arg(long, value_name = "DIR", default_value = "out/study")]
+    pub out: PathBuf,
+    /// Also write the learning curves, for host-sim figures, to this file
+    #[arg(long, value_name = "FILE")]
+    pub curves: Option<PathBuf>,
+    /// Runs at once; results do not depend on it
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub parallel: u16,
+    /// Worker threads of each run; results do not depend on them
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: u16,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs and reports.
+///
+/// # Errors
+/// What is wrong with the plan or a run.
+pub fn run(arguments: &StudyArguments) -> Result<()> {
+    let plan = Plan::read(&arguments.plan)?;
+    let conduct = StudyConduct {
+        parallel: arguments.parallel.into(),
+        threads: arguments.threads,
+        quiet: arguments.json,
+    };
+    let runs = plan.carry_out(&arguments.out, &conduct)?;
+    let markdown = markdown(&plan, &runs);
+    let files = [
+        ("study.csv".to_owned(), csv(&plan, &runs)),
+        ("study.md".to_owned(), markdown.clone()),
+    ];
+    write_set(&arguments.out, &files)?;
+    if let Some(path) = &arguments.curves {
+        write_whole(path, learning_curves(&plan, &runs)?.as_bytes())?;
+    }
+    if arguments.json {
+        let runs: Vec<_> = runs
+            .iter()
+            .map(|run| {
+                json!({
+                    "case": plan.case[run.case].name,
+                    "seed": run.seed,
+                    "folder": run.folder,
+                    "forms": run.forms,
+                })
+            })
+            .collect();
+        say!("{}", json!({ "evaluation": plan.evaluation, "runs": runs }));
+    } else {
+        say!(
+            "{markdown}\nWritten to {}: study.csv, study.md.",
+            arguments.out.display()
+        );
+    }
+    Ok(())
+}
+
+/// A row for each form of each run.
+fn csv(plan: &Plan, runs: &[StudyRun]) -> String {
+    let mut csv = Csv::new([
+        "case",
+        "seed",
+        "form",
+        "mean_age_ms",
+        "mean_age_ci95_ms",
+        "median_world_age_ms",
+    ]);
+    for run in runs {
+        for result in &run.forms {
+            csv.row([
+                plan.case[run.case].name.as_str().into(),
+                run.seed.into(),
+                result.form.as_str().into(),
+                result.mean_age_ms.into(),
+                result.mean_age_ci95_ms.into(),
+                result.median_world_age_ms.into(),
+            ]);
+        }
+    }
+    csv.into_text()
+}
+
+/// The table for people, a row for each case.
+fn markdown(plan: &Plan, runs: &[StudyRun]) -> String {
+    let mut text = "| case | greedy: mean of seeds | each seed | exploring: mean of seeds | each seed |\n\
+                    |---|---|---|---|---|\n"
+        .to_owned();
+    for (index, case) in plan.case.iter().enumerate() {
+        let own = || runs.iter().filter(|run| run.case == index);
+        let greedy: Vec<f64> = own().filter_map(|run| Some(run.greedy()?.mean_age_ms)).collect();
+        let exploring: Vec<f64> = own()
+            .filter_map(|run| Some(run.form("exploring")?.mean_age_ms))
+            .collect();
+        let form = if own().all(|run| run.form("actor").is_some()) {
+            ""
+        } else {
+            " (float)"
+        };
+        let _infallible = writeln!(
+            text,
+            "| {}{form} | {} | {} | {} | {} |",
+            case.name.replace('|', "\\|"),
+            mean(&greedy),
+            each(&greedy),
+            mean(&exploring),
+            each(&exploring)
+        );
+    }
+    let evaluation = plan.evaluation;
+    let _infallible = writeln!(
+        text,
+        "\nMean age in ms on {} held-out worlds x {} slots after {}, seed {}. Greedy: int8 as deployed, or float where no \
+         table holds the actor. Training seeds {}.",
+        evaluation.worlds,
+        evaluation.slots,
+        evaluation.warmup,
+        evaluation.seed,
+        plan.seeds
+            .iter()
+            .map(u64::to_string)
+            .collect::<Vec<_>>()
+            .join(", ")
+    );
+    text
+}
+
+fn mean(values: &[f64]) -> String {
+    format!("{:.2}", values.iter().sum::<f64>() / values.len() as f64)
+}
+
+fn each(values: &[f64]) -> String {
+    let values: Vec<String> = values.iter().map(|value| format!("{value:.2}")).collect();
+    values.join(", ")
+}

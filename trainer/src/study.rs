@@ -1,0 +1,296 @@
+//! Studies: one plan of cases and seeds, every run trained and evaluated alike.
+//!
+//! Runs live in folders of their own and go on where they were interrupted; a finished one is not done again.
+
+use crate::command::eval::{TrainedActors, exploring, float, quantised};
+use crate::command::train::{Conduct, train};
+use crate::laboratory::configuration::{Configuration, ConfigurationSource, Preset};
+use crate::run_folder::{RunFolder, RunIdentity};
+use firmware::table::Table;
+use host_sim::age::AgeSummary;
+use host_sim::command::options::{parse_table, thread_pool};
+use host_sim::error::{Error, Result};
+use host_sim::mobility::MobilitySource;
+use host_sim::report::files::{check_folder, write_whole};
+use host_sim::simulation::{Extent, Simulation};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+/// A plan file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Plan {
+    /// Preset of all cases.
+    pub preset: Preset,
+    /// `KEY=VALUE` settings of all cases.
+    #[serde(default)]
+    pub set: Vec<String>,
+    /// Seeds of the runs of each case.
+    pub seeds: Vec<u64>,
+    /// How each run is evaluated.
+    pub evaluation: Evaluation,
+    /// What is compared.
+    pub case: Vec<Case>,
+}
+
+/// Held-out worlds of a study, the same for every run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Evaluation {
+    /// Seed of the worlds.
+    pub seed: u64,
+    /// Independent worlds.
+    pub worlds: u32,
+    /// Slots that count.
+    pub slots: u32,
+    /// Slots before.
+    pub warmup: u32,
+}
+
+/// One row of the comparison.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Case {
+    /// What the tables call it.
+    pub name: String,
+    /// Another preset than the plan's.
+    pub preset: Option<Preset>,
+    /// `KEY=VALUE` settings over the plan's.
+    #[serde(default)]
+    pub set: Vec<String>,
+}
+
+/// Mean age of one form of a run's actors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FormResult {
+    /// `actor` (int8), `float` (greedy) or `exploring`.
+    pub form: String,
+    /// Over vehicles, slots and worlds.
+    pub mean_age_ms: f64,
+    /// Half of the 95 % interval over worlds, if there are several.
+    pub mean_age_ci95_ms: Option<f64>,
+    /// Of the median world.
+    pub median_world_age_ms: f64,
+}
+
+/// One run of a study.
+#[derive(Clone, Debug)]
+pub struct StudyRun {
+    /// Index of its case.
+    pub case: usize,
+    /// Its seed.
+    pub seed: u64,
+    /// Where it is.
+    pub folder: PathBuf,
+    /// What came out.
+    pub forms: Vec<FormResult>,
+}
+
+/// How a study is carried out; none of it changes a result.
+#[derive(Clone, Copy, Debug)]
+pub struct StudyConduct {
+    /// Runs at once.
+    pub parallel: usize,
+    /// Threads of each.
+    pub threads: u16,
+    /// Say nothing.
+    pub quiet: bool,
+}
+
+impl Plan {
+    /// Reads and checks a plan and every configuration in it.
+    ///
+    /// # Errors
+    /// The file and the line, the case or the setting.
+    pub fn read(path: &Path) -> Result<Self> {
+        let place = path.display();
+        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+        let plan: Self = toml::from_str(&text).map_err(|error| {
+            let line = error
+                .span()
+                .map_or(1, |span| text[..span.start].lines().count().max(1));
+            Error::input(format!("{place}:{line}"), error.message(), "a plan")
+        })?;
+        if plan.seeds.is_empty() || plan.case.is_empty() {
+            return Err(Error::input(place, "no seed or no case", "at least one of each"));
+        }
+        for (index, case) in plan.case.iter().enumerate() {
+            let folder = folder_name(&case.name);
+            if plan.case[..index]
+                .iter()
+                .any(|other| folder_name(&other.name) == folder)
+            {
+                return Err(Error::input(
+                    format!("{place}: case {}", case.name),
+                    "a name twice",
+                    "names that differ in a letter or digit",
+                ));
+            }
+            let _configuration = plan.configuration(case).map_err(|error| match error {
+                Error::Input {
+                    place: part,
+                    found,
+                    expected,
+                } => Error::input(format!("{place}: case {}: {part}", case.name), found, expected),
+                other => other,
+            })?;
+        }
+        Ok(plan)
+    }
+
+    fn configuration(&self, case: &Case) -> Result<Configuration> {
+        ConfigurationSource {
+            preset: case.preset.unwrap_or(self.preset),
+            file: None,
+            settings: self.set.iter().chain(&case.set).cloned().collect(),
+        }
+        .read()
+    }
+
+    /// Trains and evaluates every run under a folder; the results come in the order of cases, then seeds.
+    ///
+    /// # Errors
+    /// The first run that fails.
+    pub fn carry_out(&self, out: &Path, conduct: &StudyConduct) -> Result<Vec<StudyRun>> {
+        check_folder(out)?;
+        let runs: Vec<(usize, u64)> = (0..self.case.len())
+            .flat_map(|case| self.seeds.iter().map(move |&seed| (case, seed)))
+            .collect();
+        let next = AtomicUsize::new(0);
+        let results = Mutex::new(Vec::new());
+        let work = || -> Result<()> {
+            let pool = thread_pool(Some(conduct.threads))?;
+            while let Some(&(case, seed)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let run = pool.install(|| self.carry_out_one(out, case, seed))?;
+                if !conduct.quiet {
+                    let greedy = run.greedy().map_or(f64::NAN, |form| form.mean_age_ms);
+                    eprintln!("{}, seed {seed}: {greedy:.3} ms", self.case[case].name);
+                }
+                if let Ok(mut results) = results.lock() {
+                    results.push(run);
+                }
+            }
+            Ok(())
+        };
+        std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..conduct.parallel.max(1)).map(|_| scope.spawn(work)).collect();
+            workers.into_iter().try_for_each(|worker| match worker.join() {
+                Ok(outcome) => outcome,
+                Err(panic) => std::panic::resume_unwind(panic),
+            })
+        })?;
+        let mut results = results.into_inner().unwrap_or_default();
+        results
+            .sort_by_key(|run: &StudyRun| (run.case, self.seeds.iter().position(|&seed| seed == run.seed)));
+        Ok(results)
+    }
+
+    fn carry_out_one(&self, out: &Path, case: usize, seed: u64) -> Result<StudyRun> {
+        let path = out
+            .join("runs")
+            .join(folder_name(&self.case[case].name))
+            .join(seed.to_string());
+        let identity = RunIdentity::new(seed, self.configuration(&self.case[case])?);
+        let folder = RunFolder::new(&path);
+        let conduct = Conduct {
+            resume: true,
+            checkpoint_every: Duration::from_secs(30),
+            quiet: true,
+        };
+        let stamp = json!({ "run": identity.to_json(), "evaluation": self.evaluation });
+        let evaluation = path.join("evaluation.json");
+        let known = read_evaluation(&evaluation, &stamp);
+        let forms = match known {
+            Some(forms) if folder.report().exists() => forms,
+            _ => {
+                let _report = train(&identity, &path, &conduct)?;
+                let forms = self.evaluation.forms(&identity, &TrainedActors::read(&folder)?)?;
+                let object = json!({ "stamp": stamp, "forms": forms });
+                write_whole(&evaluation, format!("{object:#}\n").as_bytes())?;
+                forms
+            }
+        };
+        Ok(StudyRun {
+            case,
+            seed,
+            folder: path,
+            forms,
+        })
+    }
+}
+
+/// What an earlier evaluation of the same run on the same worlds found.
+fn read_evaluation(path: &Path, stamp: &Value) -> Option<Vec<FormResult>> {
+    let bytes = std::fs::read(path).ok()?;
+    let mut object: Value = serde_json::from_slice(&bytes).ok()?;
+    let forms = object["forms"].take();
+    (object["stamp"] == *stamp).then(|| serde_json::from_value(forms).ok())?
+}
+
+impl Evaluation {
+    fn forms(&self, identity: &RunIdentity, trained: &TrainedActors) -> Result<Vec<FormResult>> {
+        let simulation = Simulation {
+            scenario: &identity.configuration.scenario,
+            source: &MobilitySource::Grid,
+            extent: Extent {
+                seed: self.seed,
+                worlds: self.worlds,
+                slots: self.slots,
+                warmup: self.warmup,
+            },
+        };
+        let tables: Result<Vec<Table<'_>>> = trained
+            .tables
+            .iter()
+            .map(|bytes| parse_table(None, bytes))
+            .collect();
+        let tables = tables?;
+        let mut forms = Vec::new();
+        let mut add = |form: &str, ages: AgeSummary| {
+            forms.push(FormResult {
+                form: form.to_owned(),
+                mean_age_ms: ages.mean_ms,
+                mean_age_ci95_ms: ages.ci95_ms,
+                median_world_age_ms: ages.median_world_ms,
+            });
+        };
+        if !tables.is_empty() {
+            add("actor", quantised(&simulation, &tables)?);
+        }
+        add(
+            "float",
+            float(&simulation, &trained.actors, trained.setting, &[])?.0,
+        );
+        add(
+            "exploring",
+            exploring(&simulation, &trained.actors, trained.setting)?,
+        );
+        Ok(forms)
+    }
+}
+
+impl StudyRun {
+    /// The form of this name.
+    pub fn form(&self, name: &str) -> Option<&FormResult> {
+        self.forms.iter().find(|result| result.form == name)
+    }
+
+    /// The deployed form: int8 where there is one, else the greedy float networks.
+    pub fn greedy(&self) -> Option<&FormResult> {
+        self.form("actor").or_else(|| self.form("float"))
+    }
+}
+
+/// A case's name with only letters, digits and hyphens.
+fn folder_name(name: &str) -> String {
+    let words: Vec<String> = name
+        .split(|character: char| !character.is_ascii_alphanumeric())
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
+        .collect();
+    words.join("-")
+}

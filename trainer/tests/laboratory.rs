@@ -1,0 +1,296 @@
+//! The laboratory's command line: a run that is killed and goes on, runs and options that are refused, and what every run
+//! leaves behind.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
+
+use serde_json::Value;
+use std::fs::{read, read_to_string, write};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+use trainer::laboratory::random;
+
+/// A run of a second or two.
+const TINY: [&str; 14] = [
+    "train",
+    "--preset",
+    "evolution",
+    "--json",
+    "--set",
+    "scenario.cell.vehicles=3",
+    "--set",
+    "evolution.episodes=150",
+    "--set",
+    "evolution.population=8",
+    "--set",
+    "evolution.elite=2",
+    "--set",
+    "evolution.slots=60",
+];
+
+fn command(arguments: &[&str], out: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
+    let _same = command.args(arguments).arg("--out").arg(out);
+    command
+}
+
+fn trainer(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_trainer"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn success(output: &Output) -> Value {
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    assert!(message.is_empty(), "{message}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Fails with one line on stderr, exit code 2 and nothing on stdout.
+fn refusal(output: Output) -> String {
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(output.stdout.is_empty());
+    assert_eq!(message.lines().count(), 1, "{message}");
+    message.trim_end().to_owned()
+}
+
+#[test]
+fn a_run_killed_twenty_times_ends_in_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    let report = success(&command(&TINY, &whole).output().unwrap());
+    assert_eq!(report["episodes"], 150);
+
+    let every = [&TINY[..], &["--resume", "--checkpoint-every", "0"]].concat();
+    let mut stream = random::initial(7, 0);
+    let mut kills = 0;
+    for _ in 0..20 {
+        let mut child = command(&every, &killed)
+            .args(["--threads", "1"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(15 + u64::from(stream.below(80))));
+        child.kill().unwrap();
+        // Exit code 2 would be a checkpoint that a kill has spoiled.
+        kills += u32::from(child.wait().unwrap().code().is_none());
+    }
+    assert!(kills >= 10, "only {kills} runs were killed at work");
+    assert_eq!(success(&command(&every, &killed).output().unwrap()), report);
+
+    for name in [
+        "actor.safetensors",
+        "checkpoint.safetensors",
+        "metrics.csv",
+        "metrics.parquet",
+        "actor.onnx",
+        "table.bin",
+        "report.json",
+        "run.json",
+    ] {
+        assert!(
+            read(whole.join(name)).unwrap() == read(killed.join(name)).unwrap(),
+            "{name} differs"
+        );
+    }
+    assert_eq!(
+        read_to_string(killed.join("metrics.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        151
+    );
+    let left: Vec<_> = std::fs::read_dir(&whole)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    assert_eq!(left.len(), 9, "{left:?}");
+}
+
+#[test]
+fn other_runs_and_spoiled_files_are_refused_and_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let short = [&TINY[..], &["--set", "evolution.episodes=3"]].concat();
+    let _report = success(&command(&short, &out).output().unwrap());
+    let checkpoint = out.join("checkpoint.safetensors");
+    let before = read(&checkpoint).unwrap();
+    let again = |more: &[&str]| refusal(command(&[&short[..], more].concat(), &out).output().unwrap());
+
+    assert!(
+        again(&[])
+            .ends_with("found this run already begun, expected --resume to go on with it, or another folder")
+    );
+    assert!(again(&["--resume", "--seed", "2"]).contains("key seed: found 1, so another run, expected 2"));
+    assert!(
+        again(&["--resume", "--set", "evolution.hidden=[4]"]).contains(
+            "key configuration.algorithm.evolution.hidden: found [8], so another run, expected [4]"
+        )
+    );
+    assert_eq!(read(&checkpoint).unwrap(), before);
+
+    write(&checkpoint, &before[..before.len() - 1]).unwrap();
+    assert!(again(&["--resume"]).contains("checkpoint.safetensors: found "));
+    write(&checkpoint, read(out.join("actor.safetensors")).unwrap()).unwrap();
+    assert!(again(&["--resume"]).contains("checkpoint.safetensors: found "));
+    write(&checkpoint, &before).unwrap();
+    write(out.join("metrics.csv"), "episode,mean_reward\n1,0\n").unwrap();
+    assert!(again(&["--resume"]).contains("metrics.csv: found 1 episodes, expected 3 as in the checkpoint"));
+    assert_eq!(read(&checkpoint).unwrap(), before);
+}
+
+#[test]
+fn bad_options_are_refused_before_anything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("none");
+    let message = |more: &[&str]| refusal(command(&[&TINY[..], more].concat(), &out).output().unwrap());
+    assert!(message(&["--set", "evolution.elit=2"]).contains("--set evolution.elit: found an unknown key"));
+    assert!(
+        message(&["--set", "evolution.elite=5"]).contains("evolution.elite: found 5, expected at most half")
+    );
+    assert!(message(&["--config", "missing.toml"]).contains("missing.toml"));
+    assert!(message(&["--rate", "2"]).contains("--rate"));
+    assert!(!out.exists());
+}
+
+#[test]
+fn a_trained_run_is_evaluated_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let short = [&TINY[..], &["--set", "evolution.episodes=5"]].concat();
+    let report = success(&command(&short, &out).output().unwrap());
+    let run = out.to_str().unwrap();
+    let small = ["--worlds", "3", "--slots", "100", "--warmup", "50", "--json"];
+    let object = success(&trainer(&[&["eval", "--run", run], &small[..]].concat()));
+    let policies = object["policies"].as_array().unwrap();
+    let names: Vec<_> = policies
+        .iter()
+        .map(|policy| policy["policy"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["actor", "float", "exploring", "central"]);
+    for policy in policies {
+        assert_eq!(policy["vehicles"], 3);
+        assert!(policy["mean_age_ms"].as_f64().unwrap() >= 1.0);
+    }
+    assert!(object["agreement"].as_f64().unwrap() > 0.9);
+    assert_eq!(object["float_mean_age_ms"], policies[1]["mean_age_ms"]);
+
+    // The same table, once written by the training and once given as a file.
+    let table = out.join("table.bin");
+    assert_eq!(
+        read(&table).unwrap().len(),
+        report["table_bytes"].as_u64().unwrap() as usize
+    );
+    let given = [
+        "eval",
+        "--table",
+        table.to_str().unwrap(),
+        "--policy",
+        "actor",
+        "--vehicles",
+        "3",
+    ];
+    let alone = success(&trainer(&[&given[..], &small[..]].concat()));
+    assert_eq!(alone["policies"][0]["mean_age_ms"], policies[0]["mean_age_ms"]);
+
+    let more = refusal(trainer(
+        &[&["eval", "--run", run, "--vehicles", "4"], &small[..]].concat(),
+    ));
+    assert!(more.contains("vehicles: found 4, expected at most 3"), "{more}");
+    let power = ["--set", "radio.max_power_dbm=23"];
+    let power = refusal(trainer(
+        &[&["eval", "--run", run], &power[..], &small[..]].concat(),
+    ));
+    assert!(
+        power.contains("radio.max_power_dbm: found 23, expected 30 dBm as in training"),
+        "{power}"
+    );
+
+    let model = folder.path().join("model.onnx");
+    let _report = success(&trainer(&[
+        "export",
+        "--run",
+        run,
+        "--onnx",
+        model.to_str().unwrap(),
+        "--json",
+    ]));
+    assert_eq!(read(model).unwrap(), read(out.join("actor.onnx")).unwrap());
+    let vehicle = refusal(trainer(&["export", "--run", run, "--vehicle", "1"]));
+    assert!(vehicle.contains("--vehicle: found 1"), "{vehicle}");
+}
+
+#[test]
+fn the_plans_that_come_with_the_program_are_valid() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("studies");
+    let mut plans = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let plan = trainer::study::Plan::read(&entry.unwrap().path()).unwrap();
+        assert!(plan.evaluation.worlds >= 64, "too few worlds to say anything");
+        plans += 1;
+    }
+    assert!(plans > 0);
+}
+
+#[test]
+fn a_study_gives_the_same_table_whenever_and_however_its_runs_are_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = folder.path().join("plan.toml");
+    let text = r#"
+        preset = "evolution"
+        set = ["scenario.cell.vehicles=3", "evolution.episodes=4", "evolution.population=4", "evolution.elite=2",
+               "evolution.slots=30"]
+        seeds = [1, 2]
+        [evaluation]
+        seed = 5
+        worlds = 2
+        slots = 50
+        warmup = 10
+        [[case]]
+        name = "as it is"
+        [[case]]
+        name = "wider | network"
+        set = ["evolution.hidden=[16]"]
+    "#;
+    write(&plan, text).unwrap();
+    let study = |out: &str, more: &[&str]| {
+        let out = folder.path().join(out);
+        let arguments = [&["study", "--json", "--plan", plan.to_str().unwrap()], more].concat();
+        let object = success(&command(&arguments, &out).output().unwrap());
+        let table = read_to_string(out.join("study.csv")).unwrap();
+        (object, table + &read_to_string(out.join("study.md")).unwrap())
+    };
+    let curves = folder.path().join("curves.csv");
+    let (object, one) = study("one", &["--curves", curves.to_str().unwrap()]);
+    assert_eq!(object["runs"].as_array().unwrap().len(), 4);
+    assert_eq!(one.lines().filter(|line| line.contains(",actor,")).count(), 4);
+    assert!(one.contains("| wider \\| network | "));
+    let curves = host_sim::report::learning::read_curves("curves", &read_to_string(curves).unwrap()).unwrap();
+    assert_eq!(curves.len(), 8);
+    // In parallel; then again in the folder of the first, where everything is done.
+    assert_eq!(study("two", &["--parallel", "3", "--threads", "2"]).1, one);
+    let run = folder.path().join("one/runs/as-it-is/1");
+    let before = std::fs::metadata(run.join("report.json"))
+        .unwrap()
+        .modified()
+        .unwrap();
+    assert_eq!(study("one", &[]).1, one);
+    assert_eq!(
+        std::fs::metadata(run.join("report.json"))
+            .unwrap()
+            .modified()
+            .unwrap(),
+        before
+    );
+
+    write(&plan, text.replace("hidden=[16]", "hiden=[16]")).unwrap();
+    let arguments = ["study", "--plan", plan.to_str().unwrap()];
+    let message = refusal(command(&arguments, &folder.path().join("bad")).output().unwrap());
+    assert!(
+        message.contains("case wider | network: --set evolution.hiden: found an unknown key"),
+        "{message}"
+    );
+}
