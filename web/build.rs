@@ -12,6 +12,7 @@ const SOURCES: &[&str] = &[
     "host-sim/src/base_station.rs",
     "host-sim/src/cell.rs",
     "host-sim/src/channel",
+    "host-sim/src/churn.rs",
     "host-sim/src/decisions.rs",
     "host-sim/src/environment.rs",
     "host-sim/src/error.rs",
