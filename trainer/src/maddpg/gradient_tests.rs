@@ -260,10 +260,10 @@ fn actors_through_local_critics() {
         .map(|(along, a)| along * (1.0 - a * a))
         .collect();
     let gradients = actors.gradients(&slopes);
-    for copy in 0..vehicles {
+    for (copy, gradient) in gradients.iter().enumerate().take(vehicles) {
         let at = actors.learned[copy].parameters.clone();
         let cell = std::cell::RefCell::new((&mut actors, &mut critics));
-        check(&format!("actor {copy}"), &at, &gradients[copy], |at| {
+        check(&format!("actor {copy}"), &at, gradient, |at| {
             let mut both = cell.borrow_mut();
             let (actors, critics) = &mut *both;
             actors.learned[copy].parameters.copy_from_slice(at);
