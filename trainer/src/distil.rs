@@ -197,7 +197,11 @@ fn watch(
         Mobility::new(&MobilitySource::Grid, &scenario, key),
         key,
     );
-    start_ages(&mut cell, &mut stream);
+    let homes: Vec<Option<usize>> = (0..cell.vehicles())
+        .map(|vehicle| cell.measurement(vehicle))
+        .map(|measurement| measurement.map(|measurement| measurement.broadcast().home.index()))
+        .collect();
+    start_ages(&homes, &mut stream, |vehicle, age| cell.set_age(vehicle, age));
     let mut samples = Samples::default();
     let mut decisions = vec![Decision::Silent; cell.vehicles()];
     for _ in 0..recipe.slots {
@@ -223,17 +227,18 @@ fn watch(
     samples
 }
 
-/// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform.
-fn start_ages(cell: &mut Cell<'_>, stream: &mut Stream) {
+/// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform. `homes` says which group
+/// each vehicle is in.
+pub fn start_ages(homes: &[Option<usize>], stream: &mut Stream, mut set_age: impl FnMut(usize, Age)) {
     let kind = stream.uniform();
     if kind < 0.35 {
         return;
     }
     let uniform = |stream: &mut Stream| Age::after(1 + stream.below(u32::from(Age::MAX.slots())));
     let mut members: [Vec<usize>; SUB_CHANNELS] = Default::default();
-    for vehicle in 0..cell.vehicles() {
-        if let Some(measurement) = cell.measurement(vehicle) {
-            members[measurement.broadcast().home.index()].push(vehicle);
+    for (vehicle, home) in homes.iter().enumerate() {
+        if let Some(home) = home {
+            members[*home].push(vehicle);
         }
     }
     for group in &mut members {
@@ -245,13 +250,13 @@ fn start_ages(cell: &mut Cell<'_>, stream: &mut Stream) {
             } else {
                 Age::after(age)
             };
-            cell.set_age(vehicle, age);
+            set_age(vehicle, age);
         }
     }
 }
 
 /// Fisher and Yates.
-fn shuffle(values: &mut [usize], stream: &mut Stream) {
+pub fn shuffle(values: &mut [usize], stream: &mut Stream) {
     for last in (1..values.len()).rev() {
         values.swap(last, stream.below(last as u32 + 1) as usize);
     }

@@ -8,5 +8,6 @@ pub mod distil;
 pub mod evaluate;
 pub mod export;
 pub mod network;
+pub mod ppo;
 pub mod quantise;
 pub mod run_folder;
