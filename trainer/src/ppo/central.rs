@@ -68,11 +68,6 @@ impl GroupCounts {
         counts
     }
 
-    /// Members of a group.
-    pub fn members(&self, group: usize) -> f32 {
-        self.members[group]
-    }
-
     /// Appends the critic's input for one of the counted vehicles; `encoded` is its actor's input.
     pub fn append_view(&self, observation: &Observation, encoded: &[f32; INPUTS], view: &mut Vec<f32>) {
         let (group, standing) = (observation.home().index(), Standing::new(observation));

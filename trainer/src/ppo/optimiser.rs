@@ -31,7 +31,7 @@ pub struct Rates {
     pub entropy: f32,
 }
 
-/// Means over the minibatches of an update.
+/// Sums over optimiser steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
     /// The actor's loss.
@@ -89,11 +89,52 @@ impl Optimiser {
                 losses.steps += 1.0;
             }
         }
-        let steps = losses.steps.max(1.0);
-        for mean in [&mut losses.actor, &mut losses.critic, &mut losses.entropy, &mut losses.clipped] {
-            *mean /= steps;
-        }
         losses
+    }
+
+    /// Everything in the shape of a network, by name: weights and moments.
+    pub fn networks(&self) -> [(&'static str, &Network); 6] {
+        [
+            ("actor", &self.actor),
+            ("actor.mean", &self.actor_adam.mean),
+            ("actor.square", &self.actor_adam.square),
+            ("critic", &self.critic),
+            ("critic.mean", &self.critic_adam.mean),
+            ("critic.square", &self.critic_adam.square),
+        ]
+    }
+
+    /// The same, to be changed.
+    pub fn networks_mut(&mut self) -> [(&'static str, &mut Network); 6] {
+        [
+            ("actor", &mut self.actor),
+            ("actor.mean", &mut self.actor_adam.mean),
+            ("actor.square", &mut self.actor_adam.square),
+            ("critic", &mut self.critic),
+            ("critic.mean", &mut self.critic_adam.mean),
+            ("critic.square", &mut self.critic_adam.square),
+        ]
+    }
+
+    /// The optimisers by name.
+    pub const fn adams(&self) -> [(&'static str, &Adam); 2] {
+        [("actor", &self.actor_adam), ("critic", &self.critic_adam)]
+    }
+
+    /// The same, to be changed.
+    pub const fn adams_mut(&mut self) -> [(&'static str, &mut Adam); 2] {
+        [("actor", &mut self.actor_adam), ("critic", &mut self.critic_adam)]
+    }
+}
+
+impl Losses {
+    /// Adds another.
+    pub fn add(&mut self, other: &Self) {
+        self.actor += other.actor;
+        self.critic += other.critic;
+        self.entropy += other.entropy;
+        self.clipped += other.clipped;
+        self.steps += other.steps;
     }
 }
 
