@@ -6,8 +6,11 @@
 pub mod command;
 pub mod distil;
 pub mod evaluate;
+pub mod evolution;
 pub mod export;
+pub mod laboratory;
 pub mod network;
 pub mod ppo;
 pub mod quantise;
 pub mod run_folder;
+pub mod toy;

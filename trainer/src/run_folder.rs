@@ -48,10 +48,17 @@ impl RunFolder {
     /// # Errors
     /// The file and what is wrong with it.
     pub fn read_network(&self) -> Result<Network> {
-        let path = self.network();
-        let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
-        from_safetensors(&path.display().to_string(), &bytes)
+        read_network(&self.network())
     }
+}
+
+/// Reads a float network from a safetensors file.
+///
+/// # Errors
+/// The file and what is wrong with it.
+pub fn read_network(path: &Path) -> Result<Network> {
+    let bytes = std::fs::read(path).map_err(|source| Error::file(path, source))?;
+    from_safetensors(&path.display().to_string(), &bytes)
 }
 
 fn to_safetensors(network: &Network) -> Result<Vec<u8>> {

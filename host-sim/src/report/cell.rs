@@ -8,6 +8,8 @@ pub enum Cell {
     Text(String),
     /// A count.
     Count(u64),
+    /// A whole number that may be below zero.
+    Integer(i64),
     /// A measured or computed number.
     Number(f64),
     /// A value that does not exist, which is not the same as zero.
@@ -41,6 +43,12 @@ impl From<u32> for Cell {
 impl From<u64> for Cell {
     fn from(count: u64) -> Self {
         Self::Count(count)
+    }
+}
+
+impl From<i64> for Cell {
+    fn from(integer: i64) -> Self {
+        Self::Integer(integer)
     }
 }
 

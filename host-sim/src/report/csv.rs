@@ -24,33 +24,39 @@ impl<const COLUMNS: usize> Csv<COLUMNS> {
 
     /// Appends a row.
     pub fn row(&mut self, cells: [Cell; COLUMNS]) {
-        for (index, cell) in cells.iter().enumerate() {
-            if index > 0 {
-                self.text.push(',');
-            }
-            match cell {
-                Cell::Text(text) => self.push_escaped(text),
-                Cell::Count(count) => self.text += &count.to_string(),
-                Cell::Number(number) => self.text += &number.to_string(),
-                Cell::Missing => {}
-            }
-        }
-        self.text.push('\n');
+        push_row(&mut self.text, cells);
     }
 
     /// The whole text, ready for [`write_whole`](super::files::write_whole).
     pub fn into_text(self) -> String {
         self.text
     }
+}
 
-    fn push_escaped(&mut self, text: &str) {
-        let bare = !text.contains([',', '"', '\n', '\r']) && text.trim() == text;
-        if bare {
-            self.text += text;
-        } else {
-            self.text.push('"');
-            self.text += &text.replace('"', "\"\"");
-            self.text.push('"');
+/// Appends a row of any number of cells.
+pub(super) fn push_row(text: &mut String, cells: impl IntoIterator<Item = Cell>) {
+    for (index, cell) in cells.into_iter().enumerate() {
+        if index > 0 {
+            text.push(',');
         }
+        match cell {
+            Cell::Text(value) => push_escaped(text, &value),
+            Cell::Count(count) => *text += &count.to_string(),
+            Cell::Integer(integer) => *text += &integer.to_string(),
+            Cell::Number(number) => *text += &number.to_string(),
+            Cell::Missing => {}
+        }
+    }
+    text.push('\n');
+}
+
+fn push_escaped(text: &mut String, value: &str) {
+    let bare = !value.contains([',', '"', '\n', '\r']) && value.trim() == value;
+    if bare {
+        *text += value;
+    } else {
+        text.push('"');
+        *text += &value.replace('"', "\"\"");
+        text.push('"');
     }
 }

@@ -3,9 +3,11 @@
 pub mod ages;
 pub mod cell;
 pub mod chart;
+pub mod columns;
 pub mod csv;
 pub mod files;
 pub mod output;
+pub mod parquet;
 pub mod text_table;
 pub mod traffic;
 

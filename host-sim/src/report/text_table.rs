@@ -37,11 +37,12 @@ impl Column {
         }
     }
 
-    /// A cell as this column writes it. Counts have no decimals, in whatever column they stand.
+    /// A cell as this column writes it. Whole numbers have no decimals, in whatever column they stand.
     fn written(&self, cell: &Cell) -> String {
         match cell {
             Cell::Text(text) => text.clone(),
             Cell::Count(count) => count.to_string(),
+            Cell::Integer(integer) => integer.to_string(),
             Cell::Number(number) => match self.decimals {
                 Some(decimals) => format!("{number:.decimals$}"),
                 None => number.to_string(),

@@ -22,6 +22,14 @@ impl Preset {
             Self::Companion => include_str!("../../presets/companion.toml"),
         }
     }
+
+    /// Its keys.
+    ///
+    /// # Errors
+    /// Never: the presets are TOML.
+    pub fn table(self) -> Result<Table> {
+        parse("preset", self.text())
+    }
 }
 
 /// Where a scenario comes from.
@@ -41,19 +49,8 @@ impl ScenarioSource {
     /// # Errors
     /// [`Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Scenario> {
-        let mut table = parse("preset", self.preset.text())?;
-        if let Some(path) = &self.file {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-            overlay(
-                &mut table,
-                parse(&path.display().to_string(), &text)?,
-                "",
-                Some(path),
-            )?;
-        }
-        for setting in &self.settings {
-            overlay(&mut table, parse_setting(setting)?, "", None)?;
-        }
+        let mut table = self.preset.table()?;
+        lay_over(&mut table, self.file.as_deref(), &self.settings)?;
         let scenario: Scenario = table.try_into().map_err(|error: toml::de::Error| {
             let place = self
                 .file
@@ -94,7 +91,25 @@ impl ScenarioSource {
     }
 }
 
-fn parse(place: &str, text: &str) -> Result<Table> {
+/// Lays a file, then `KEY=VALUE` settings over a table that has every key with a value of its type.
+///
+/// # Errors
+/// [`Error::Input`] names the file and line, the key or the setting.
+pub fn lay_over(base: &mut Table, file: Option<&Path>, settings: &[String]) -> Result<()> {
+    if let Some(path) = file {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+        overlay(base, parse(&path.display().to_string(), &text)?, "", Some(path))?;
+    }
+    settings
+        .iter()
+        .try_for_each(|setting| overlay(base, parse_setting(setting)?, "", None))
+}
+
+/// TOML text as a table.
+///
+/// # Errors
+/// [`Error::Input`] names the place and the line.
+pub fn parse(place: &str, text: &str) -> Result<Table> {
     text.parse().map_err(|error: toml::de::Error| {
         let line = error
             .span()
@@ -126,7 +141,10 @@ fn parse_setting(setting: &str) -> Result<Table> {
 }
 
 /// Replaces values of `base` by those of `layer`. Every key must exist in `base`, and a table must stay a table.
-fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Input`] names the key, and the file if there is one.
+pub fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) -> Result<()> {
     let place = |key: &str| match file {
         Some(path) => format!("{}: key {key}", path.display()),
         None => format!("--set {key}"),
@@ -153,16 +171,19 @@ fn overlay(base: &mut Table, layer: Table, prefix: &str, file: Option<&Path>) ->
                 ));
             }
             (Some(slot), value) => {
-                let numbers = matches!(
-                    (&*slot, &value),
-                    (Value::Float(_), Value::Integer(_) | Value::Float(_))
-                ) || matches!((&*slot, &value), (Value::Integer(_), Value::Integer(n)) if u32::try_from(*n).is_ok());
-                if !numbers {
-                    let expected = if slot.is_float() {
-                        "a number"
-                    } else {
-                        "a whole number from 0 to 4294967295"
-                    };
+                let (fits, expected) = match (&*slot, &value) {
+                    (Value::Float(_), value) => (value.is_float() || value.is_integer(), "a number"),
+                    (Value::Integer(_), Value::Integer(value)) => (
+                        u32::try_from(*value).is_ok(),
+                        "a whole number from 0 to 4294967295",
+                    ),
+                    (Value::Integer(_), _) => (false, "a whole number from 0 to 4294967295"),
+                    (Value::String(_), value) => (value.is_str(), "text"),
+                    (Value::Boolean(_), value) => (value.is_bool(), "true or false"),
+                    (Value::Array(_), value) => (value.is_array(), "a list such as [64, 64]"),
+                    (slot, value) => (slot.same_type(value), slot.type_str()),
+                };
+                if !fits {
                     return Err(Error::input(place(&key), value, expected));
                 }
                 *slot = value;

@@ -3,7 +3,7 @@
 //! A scenario is a preset, then a file that may change some of its keys, then single `KEY=VALUE` settings. The presets
 //! under `host-sim/presets/` say what each key means, its unit and its source.
 
-mod layers;
+pub mod layers;
 
 use crate::error::{Error, Result};
 use firmware::units::{Age, Level, SUB_CHANNELS};
@@ -158,7 +158,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The first key, as `section.key`, that is out of its range.
-    fn check(&self) -> Result<()> {
+    pub fn check(&self) -> Result<()> {
         let Self {
             cell,
             radio,

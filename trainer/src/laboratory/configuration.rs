@@ -1,0 +1,226 @@
+//! What a run is told: a preset, then a file that may change some of its keys, then single `KEY=VALUE` settings.
+//!
+//! A preset under `trainer/presets/` names its algorithm, has that algorithm's section with every key, and under `scenario`
+//! what differs from the simulator's preset that it starts from.
+
+use super::learner::Learner;
+use crate::evolution::{Evolution, EvolutionLearner};
+use crate::ppo::{self, PpoLearner};
+use host_sim::error::{Error, Result};
+use host_sim::scenario::layers::{lay_over, overlay, parse};
+use host_sim::scenario::{self, Scenario};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use toml::{Table, Value};
+
+/// A configuration that comes with the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// A search without gradients: a baseline, and the quickest run.
+    Evolution,
+    /// On-policy learning from the cell alone, for every load.
+    Ppo,
+    /// The same from a distilled actor on.
+    FineTune,
+}
+
+/// A learning algorithm and its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Algorithm {
+    /// Cross-entropy search over the actor's parameters.
+    Evolution(Evolution),
+    /// Proximal policy optimisation of one shared actor.
+    Ppo(ppo::Recipe),
+}
+
+/// A checked configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Configuration {
+    /// The cell to learn in.
+    pub scenario: Scenario,
+    /// How.
+    pub algorithm: Algorithm,
+}
+
+/// Where a configuration comes from.
+#[derive(Clone, Debug)]
+pub struct ConfigurationSource {
+    /// The lowest layer.
+    pub preset: Preset,
+    /// A TOML file whose keys replace the preset's.
+    pub file: Option<PathBuf>,
+    /// `KEY=VALUE` settings, such as `scenario.cell.vehicles=5`, which replace both.
+    pub settings: Vec<String>,
+}
+
+impl Preset {
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Evolution => include_str!("../../presets/evolution.toml"),
+            Self::Ppo => include_str!("../../presets/ppo.toml"),
+            Self::FineTune => include_str!("../../presets/fine-tune.toml"),
+        }
+    }
+
+    /// The scenario that it starts from.
+    const fn scenario(self) -> scenario::Preset {
+        match self {
+            Self::Evolution | Self::Ppo | Self::FineTune => scenario::Preset::Paper,
+        }
+    }
+
+    /// All its keys, those of the scenario included.
+    fn table(self) -> Result<Table> {
+        let mut preset = parse("preset", self.text())?;
+        let mut scenario = Table::new();
+        let _none = scenario.insert("scenario".to_owned(), self.scenario().table()?.into());
+        if let Some(changes) = preset.remove("scenario") {
+            let mut layer = Table::new();
+            let _none = layer.insert("scenario".to_owned(), changes);
+            overlay(&mut scenario, layer, "", None)?;
+        }
+        preset.extend(scenario);
+        Ok(preset)
+    }
+}
+
+impl Algorithm {
+    /// Its name in configurations, and of its section.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Evolution(_) => "evolution",
+            Self::Ppo(_) => "ppo",
+        }
+    }
+
+    /// Reads the section of the algorithm of this name.
+    fn read(name: &str, section: Value) -> Result<Self> {
+        match name {
+            "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
+            "ppo" => Ok(Self::Ppo(parameters(name, section)?)),
+            other => Err(Error::input("algorithm", other, "evolution or ppo")),
+        }
+    }
+
+    /// Checks ranges, and options against each other and the scenario.
+    fn check(&self, scenario: &Scenario) -> Result<()> {
+        match self {
+            Self::Evolution(evolution) => evolution.check(scenario),
+            Self::Ppo(recipe) => recipe.check(scenario),
+        }
+    }
+}
+
+/// A section as an algorithm's parameters.
+fn parameters<T: DeserializeOwned>(name: &str, section: Value) -> Result<T> {
+    section
+        .try_into()
+        .map_err(|error: toml::de::Error| Error::input(name, error.message(), "the keys of the preset"))
+}
+
+impl ConfigurationSource {
+    /// Reads and checks the configuration.
+    ///
+    /// # Errors
+    /// [`Error::Input`] names the file and line, the key or the setting.
+    pub fn read(&self) -> Result<Configuration> {
+        let mut table = self.preset.table()?;
+        let name = match table.get("algorithm") {
+            Some(Value::String(name)) => name.clone(),
+            _ => String::new(),
+        };
+        lay_over(&mut table, self.file.as_deref(), &self.settings)?;
+        let mut take = |key: &str| table.remove(key).unwrap_or(Value::Boolean(false));
+        let asked = take("algorithm");
+        if asked.as_str() != Some(&name) {
+            return Err(Error::input(
+                "algorithm",
+                asked,
+                format!("{name}, the algorithm of the preset"),
+            ));
+        }
+        let scenario: Scenario = parameters("scenario", take("scenario"))?;
+        scenario.check()?;
+        let algorithm = Algorithm::read(&name, take(&name))?;
+        algorithm.check(&scenario)?;
+        Ok(Configuration { scenario, algorithm })
+    }
+}
+
+impl Configuration {
+    /// The learner before its first episode.
+    ///
+    /// # Errors
+    /// What the algorithm reads besides, such as an actor to begin with.
+    pub fn learner(&self, seed: u64) -> Result<Box<dyn Learner>> {
+        match &self.algorithm {
+            Algorithm::Evolution(evolution) => Ok(Box::new(EvolutionLearner::new(
+                self.scenario.clone(),
+                evolution.clone(),
+                seed,
+            ))),
+            Algorithm::Ppo(recipe) => {
+                let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
+                Ok(Box::new(learner))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum as _;
+
+    fn read(preset: Preset, settings: &[&str]) -> Result<Configuration> {
+        ConfigurationSource {
+            preset,
+            file: None,
+            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
+        }
+        .read()
+    }
+
+    #[test]
+    fn presets_are_complete_and_valid() {
+        for preset in Preset::value_variants() {
+            let configuration = read(*preset, &["scenario.cell.vehicles=7"]).unwrap();
+            assert_eq!(configuration.scenario.cell.vehicles, 7);
+            let written = serde_json::to_string(&configuration).unwrap();
+            assert_eq!(
+                serde_json::from_str::<Configuration>(&written).unwrap(),
+                configuration
+            );
+        }
+    }
+
+    #[test]
+    fn bad_settings_name_key_and_expectation() {
+        let message = |setting: &str| read(Preset::Evolution, &[setting]).unwrap_err().to_string();
+        assert!(
+            message("evolution.poulation=3").starts_with(
+                "--set evolution.poulation: found an unknown key, expected one of evolution.elite"
+            )
+        );
+        assert_eq!(
+            message("algorithm=ppo"),
+            "algorithm: found \"ppo\", expected evolution, the algorithm of the preset"
+        );
+        assert_eq!(
+            message("scenario.cell.vehicles=0"),
+            "cell.vehicles: found 0, expected 1 to 10000"
+        );
+        assert_eq!(
+            message("evolution.hidden=16"),
+            "--set evolution.hidden: found 16, expected a list such as [64, 64]"
+        );
+        assert_eq!(
+            message("evolution.elite=900"),
+            "evolution.elite: found 900, expected at most half of evolution.population, which is 40"
+        );
+    }
+}
