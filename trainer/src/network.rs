@@ -167,7 +167,8 @@ impl Network {
             .par_chunks(CHUNK)
             .enumerate()
             .map(|(chunk, inputs)| {
-                let loss = |index, outputs: &[f32], error: &mut [f32]| loss(chunk * CHUNK + index, outputs, error);
+                let loss =
+                    |index, outputs: &[f32], error: &mut [f32]| loss(chunk * CHUNK + index, outputs, error);
                 Arch::new().dispatch(
                     #[inline(always)]
                     || self.chunk_gradient(&transposed, inputs, loss),

@@ -39,6 +39,9 @@ mod tests {
         assert_eq!(found, [1.0 + 3.0, 10.0 - 5.0, 2.0 + 7.0 - 3.0, 20.0 + 1.0]);
         // Trace 1: the whole return less the value.
         let found = advantages(&rewards, &values, 2, 1.0, 1.0);
-        assert_eq!(found, [1.0 + 2.0 + 7.0, 10.0 + 20.0 + 1.0 - 5.0, 2.0 + 7.0 - 3.0, 21.0]);
+        assert_eq!(
+            found,
+            [1.0 + 2.0 + 7.0, 10.0 + 20.0 + 1.0 - 5.0, 2.0 + 7.0 - 3.0, 21.0]
+        );
     }
 }

@@ -46,6 +46,8 @@ pub struct Costs {
     pub team: f32,
     /// Cost of a slot: the age in periods, at most this.
     pub most_periods: f32,
+    /// Cost of a transmission. Where everybody sends and nobody is heard, only this tells anybody to stop.
+    pub transmission: f32,
     /// Rewards are multiplied by this; 1 less the discount makes a value a mean cost.
     pub scale: f32,
 }
@@ -120,7 +122,11 @@ impl Arena for CellArena<'_> {
             }
         }
         self.environment.step(&self.decisions);
-        for (world, observed) in self.observed.chunks_exact(vehicles).enumerate() {
+        let worlds = self
+            .observed
+            .chunks_exact(vehicles)
+            .zip(actions.chunks_exact(vehicles));
+        for (world, (observed, actions)) in worlds.enumerate() {
             let mut groups = [(0.0_f32, 0.0_f32); SUB_CHANNELS];
             let first = rewards.len();
             for (vehicle, observation) in observed.iter().enumerate() {
@@ -134,10 +140,15 @@ impl Arena for CellArena<'_> {
                 *sum += cost;
                 rewards.push(cost);
             }
-            for (reward, observation) in rewards[first..].iter_mut().zip(observed) {
+            for ((reward, observation), &action) in rewards[first..].iter_mut().zip(observed).zip(actions) {
+                let sent = if action == Action::Silent as u8 {
+                    0.0
+                } else {
+                    self.costs.transmission
+                };
                 let (members, sum) = groups[observation.home().index()];
                 let (own, weight) = (*reward, 1.0 + self.costs.team * (members - 1.0));
-                *reward = -(own + self.costs.team * (sum - own)) / weight * self.costs.scale;
+                *reward = -(own + sent + self.costs.team * (sum - own)) / weight * self.costs.scale;
                 weights.push(weight);
                 self.tally.reward += f64::from(*reward);
             }

@@ -76,6 +76,8 @@ impl GroupCounts {
         let turns = self.turns[group].iter().enumerate();
         view.extend(turns.map(|(turn, count)| count - own(turn, standing.turn)));
         let classes = self.age_classes[group].iter().enumerate();
-        view.extend(classes.map(|(class, count)| (count - own(class, standing.age_class)) / self.members[group]));
+        view.extend(
+            classes.map(|(class, count)| (count - own(class, standing.age_class)) / self.members[group]),
+        );
     }
 }

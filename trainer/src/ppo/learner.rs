@@ -63,7 +63,10 @@ impl PpoLearner {
             first_actor(&recipe)?
         };
         let critic_widths = widths(CENTRAL_INPUTS, &recipe.critic_hidden, 1);
-        let critic = Network::random(&critic_widths, &mut random::initial(seed, Use::FirstCritic as u32));
+        let critic = Network::random(
+            &critic_widths,
+            &mut random::initial(seed, Use::FirstCritic as u32),
+        );
         Ok(Self {
             scenario,
             recipe,
@@ -116,10 +119,21 @@ impl Learner for PpoLearner {
             .enumerate()
             .map(|(batch, (scenario, stream))| {
                 let worlds = u64::from(self.recipe.worlds);
-                let first = random::world(self.seed, self.counters.done, self.worlds(), batch as u64 * worlds).world;
+                let first = random::world(
+                    self.seed,
+                    self.counters.done,
+                    self.worlds(),
+                    batch as u64 * worlds,
+                )
+                .world;
                 let worlds = first..first + worlds;
-                let environment =
-                    Environment::new(scenario, &MobilitySource::Grid, self.seed, Purpose::Training, worlds);
+                let environment = Environment::new(
+                    scenario,
+                    &MobilitySource::Grid,
+                    self.seed,
+                    Purpose::Training,
+                    worlds,
+                );
                 (CellArena::new(environment, self.recipe.costs(), stream), stream)
             })
             .collect();
@@ -134,7 +148,11 @@ impl Learner for PpoLearner {
                 .par_iter_mut()
                 .map(|(arena, stream)| play(arena, actor, critic, recipe, stream))
                 .collect();
-            losses.add(&self.optimiser.update(&Experience::join(played), recipe, rates, &mut order));
+            losses.add(
+                &self
+                    .optimiser
+                    .update(&Experience::join(played), recipe, rates, &mut order),
+            );
         }
         let mut tally = Tally::default();
         arenas.iter().for_each(|(arena, _)| tally.merge(&arena.tally));
@@ -160,7 +178,11 @@ impl Learner for PpoLearner {
             for (index, layer) in network.layers.iter().enumerate() {
                 let shape = [layer.inputs, layer.outputs];
                 state.put(format!("{name}.{index}.weights"), &shape, layer.weights.clone());
-                state.put(format!("{name}.{index}.biases"), &shape[1..], layer.biases.clone());
+                state.put(
+                    format!("{name}.{index}.biases"),
+                    &shape[1..],
+                    layer.biases.clone(),
+                );
             }
         }
         for (name, adam) in self.optimiser.adams() {

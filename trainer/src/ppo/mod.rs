@@ -14,6 +14,8 @@ pub mod loss;
 pub mod optimiser;
 mod recipe;
 pub mod rollout;
+#[cfg(test)]
+mod tests;
 
 pub use learner::PpoLearner;
 pub use recipe::Recipe;

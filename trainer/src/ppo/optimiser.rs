@@ -48,7 +48,13 @@ pub struct Losses {
 
 impl Optimiser {
     /// Learns from `experience`, whose rows are shuffled by `stream` anew in each epoch.
-    pub fn update(&mut self, experience: &Experience, recipe: &Recipe, rates: Rates, stream: &mut Stream) -> Losses {
+    pub fn update(
+        &mut self,
+        experience: &Experience,
+        recipe: &Recipe,
+        rates: Rates,
+        stream: &mut Stream,
+    ) -> Losses {
         let advantages = normalised(&experience.advantages);
         let (width, view_width) = (self.actor.layers[0].inputs, self.critic.layers[0].inputs);
         let mut order: Vec<usize> = (0..experience.actions.len()).collect();
@@ -57,18 +63,25 @@ impl Optimiser {
             shuffle(&mut order, stream);
             for rows in order.chunks(recipe.minibatch) {
                 if rates.actor > 0.0 {
-                    let inputs: Vec<&[f32]> = rows.iter().map(|&row| &experience.inputs[row * width..][..width]).collect();
-                    let ([loss, entropy, clipped], mut gradient) = self.actor.gradient(&inputs, |index, outputs, slope| {
-                        let row = rows[index];
-                        let taken = Taken {
-                            action: usize::from(experience.actions[row]),
-                            log_probability: experience.log_probabilities[row],
-                            advantage: advantages[row],
-                        };
-                        let ActorTerms { loss, entropy, clipped } =
-                            clipped_surrogate(outputs, taken, recipe.clip, rates.entropy, slope);
-                        [loss, entropy, clipped]
-                    });
+                    let inputs: Vec<&[f32]> = rows
+                        .iter()
+                        .map(|&row| &experience.inputs[row * width..][..width])
+                        .collect();
+                    let ([loss, entropy, clipped], mut gradient) =
+                        self.actor.gradient(&inputs, |index, outputs, slope| {
+                            let row = rows[index];
+                            let taken = Taken {
+                                action: usize::from(experience.actions[row]),
+                                log_probability: experience.log_probabilities[row],
+                                advantage: advantages[row],
+                            };
+                            let ActorTerms {
+                                loss,
+                                entropy,
+                                clipped,
+                            } = clipped_surrogate(outputs, taken, recipe.clip, rates.entropy, slope);
+                            [loss, entropy, clipped]
+                        });
                     let norm = gradient.norm() as f32;
                     if norm > recipe.gradient_limit {
                         gradient.scale(recipe.gradient_limit / norm);
@@ -78,7 +91,10 @@ impl Optimiser {
                     losses.entropy += f64::from(entropy);
                     losses.clipped += f64::from(clipped);
                 }
-                let views: Vec<&[f32]> = rows.iter().map(|&row| &experience.views[row * view_width..][..view_width]).collect();
+                let views: Vec<&[f32]> = rows
+                    .iter()
+                    .map(|&row| &experience.views[row * view_width..][..view_width])
+                    .collect();
                 let ([loss], gradient) = self.critic.gradient(&views, |index, outputs, slope| {
                     let (loss, against_value) = huber(outputs[0], experience.targets[rows[index]]);
                     slope[0] = against_value;
@@ -147,5 +163,8 @@ fn normalised(advantages: &[f32]) -> Vec<f32> {
         sum + distance * distance
     });
     let deviation = libm::sqrt(square / count) + 1e-8;
-    advantages.iter().map(|&value| ((f64::from(value) - mean) / deviation) as f32).collect()
+    advantages
+        .iter()
+        .map(|&value| ((f64::from(value) - mean) / deviation) as f32)
+        .collect()
 }

@@ -32,6 +32,7 @@ pub struct Recipe {
     pub trace: f32,
     pub team: f32,
     pub most_periods: f32,
+    pub transmission: f32,
     pub clip: f32,
     pub gradient_limit: f32,
     pub learning_rate: [f32; 2],
@@ -67,13 +68,22 @@ impl Recipe {
         }
         if self.critic_first_episodes >= self.episodes {
             let expected = format!("less than ppo.episodes, which is {}", self.episodes);
-            return Err(Error::input("ppo.critic_first_episodes", self.critic_first_episodes, expected));
+            return Err(Error::input(
+                "ppo.critic_first_episodes",
+                self.critic_first_episodes,
+                expected,
+            ));
         }
         for (key, widths) in [("hidden", &self.hidden), ("critic_hidden", &self.critic_hidden)] {
-            let fits = widths.len() < MAX_LAYERS && widths.iter().all(|width| (1..=MAX_WIDTH).contains(width));
+            let fits =
+                widths.len() < MAX_LAYERS && widths.iter().all(|width| (1..=MAX_WIDTH).contains(width));
             if !fits {
                 let expected = format!("at most {} widths from 1 to {MAX_WIDTH}", MAX_LAYERS - 1);
-                return Err(Error::input(format!("ppo.{key}"), format!("{widths:?}"), expected));
+                return Err(Error::input(
+                    format!("ppo.{key}"),
+                    format!("{widths:?}"),
+                    expected,
+                ));
             }
         }
         let [first_rate, last_rate] = self.learning_rate;
@@ -84,6 +94,7 @@ impl Recipe {
             ("trace", self.trace, 0.0, 1.0),
             ("team", self.team, 0.0, 1.0),
             ("most_periods", self.most_periods, 1.0, 100.0),
+            ("transmission", self.transmission, 0.0, 100.0),
             ("clip", self.clip, 1e-3, 1.0),
             ("gradient_limit", self.gradient_limit, 1e-6, 1e6),
             ("learning_rate", first_rate, 1e-9, 1.0),
@@ -96,12 +107,20 @@ impl Recipe {
         ] {
             // Also refuses NaN.
             if !(least..=most).contains(&value) {
-                return Err(Error::input(format!("ppo.{key}"), value, format!("{least} to {most}")));
+                return Err(Error::input(
+                    format!("ppo.{key}"),
+                    value,
+                    format!("{least} to {most}"),
+                ));
             }
         }
         if !self.first_scores.iter().all(|score| score.abs() <= 100.0) {
             let found = format!("{:?}", self.first_scores);
-            return Err(Error::input("ppo.first_scores", found, "numbers from -100 to 100"));
+            return Err(Error::input(
+                "ppo.first_scores",
+                found,
+                "numbers from -100 to 100",
+            ));
         }
         Ok(())
     }
@@ -122,6 +141,7 @@ impl Recipe {
         Costs {
             team: self.team,
             most_periods: self.most_periods,
+            transmission: self.transmission,
             scale: 1.0 - self.discount,
         }
     }

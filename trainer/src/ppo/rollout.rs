@@ -76,7 +76,9 @@ pub fn play(
             softmax(scores, &mut probabilities);
             let action = draw(&probabilities, stream.uniform());
             experience.actions.push(action as u8);
-            experience.log_probabilities.push(log_probability(probabilities[action]));
+            experience
+                .log_probabilities
+                .push(log_probability(probabilities[action]));
         }
         arena.step(&experience.actions[first..], &mut rewards, &mut weights);
     }
