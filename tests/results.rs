@@ -106,9 +106,9 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
 
     let folder = tempfile::tempdir().unwrap();
     let run = RunFolder::new(folder.path());
-    run.write(&made.distilled.network, &made.bytes, &serde_json::json!({}))
+    run.write(&made.actors, Some(&made.bytes), &serde_json::json!({}))
         .unwrap();
-    assert_eq!(run.read_network().unwrap(), made.distilled.network);
+    assert_eq!(run.read_actors().unwrap(), made.actors);
 
     let scenario = scenario(20);
     let simulation = Simulation {
@@ -116,7 +116,7 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
         source: &MobilitySource::Grid,
         extent: EXTENT,
     };
-    let comparison = compare(&simulation, &made.distilled.network, &shipped).unwrap();
+    let comparison = compare(&simulation, &made.actors, &[shipped]).unwrap();
     assert!(comparison.agreement >= 0.995, "{}", comparison.agreement);
     let lost = comparison.quantised_age_ms - comparison.float_age_ms;
     assert!(lost.abs() < 0.02, "{lost}");

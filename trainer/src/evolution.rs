@@ -369,12 +369,12 @@ mod tests {
             };
             for generation in 0..60 {
                 let mut stream = random::episode(seed, generation, 0);
-                let samples: Vec<Vec<f32>> = (0..60).map(|_| search.draw(&mut stream)).collect();
+                let samples: Vec<Vec<f32>> = (0..100).map(|_| search.draw(&mut stream)).collect();
                 let scores: Vec<f64> = samples
                     .iter()
                     .map(|sample| play(&widths, sample, SLOTS))
                     .collect();
-                search.learn(&samples, &scores, 12, (1.0 - generation as f32 / 60.0).max(0.05));
+                search.learn(&samples, &scores, 20, (1.0 - generation as f32 / 60.0).max(0.05));
             }
             let found = play(&widths, &search.mean, SLOTS);
             let best = Turns::best_reward(SLOTS);

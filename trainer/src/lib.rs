@@ -3,6 +3,7 @@
 //! [`distil`] imitates the AoI clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
 //! what that changed; [`export`] writes tables and files; [`evaluate`] compares float and int8 on held-out worlds.
 
+pub mod actor_table;
 pub mod command;
 pub mod distil;
 pub mod evaluate;
@@ -10,6 +11,7 @@ pub mod evolution;
 pub mod export;
 pub mod laboratory;
 pub mod network;
+pub mod onnx;
 pub mod ppo;
 pub mod quantise;
 pub mod run_folder;

@@ -16,6 +16,8 @@ struct CommandLine {
 enum Command {
     /// Distil the AoI clock into a small int8 network
     Distil(command::distil::DistilArguments),
+    /// Run a learning algorithm
+    Train(command::train::TrainArguments),
     /// Ages of a table, or of a training run, on held-out worlds
     Eval(command::eval::EvalArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
     };
     let outcome = match line.command {
         Command::Distil(arguments) => command::distil::run(&arguments),
+        Command::Train(arguments) => command::train::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
     };

@@ -41,6 +41,12 @@ impl Layer {
         }
     }
 
+    /// Weights as `[outputs][inputs]`, PyTorch's and the firmware's order.
+    pub fn rows(&self) -> impl Iterator<Item = f32> {
+        let column = |output| self.weights.iter().skip(output).step_by(self.outputs).copied();
+        (0..self.outputs).flat_map(column)
+    }
+
     #[inline(always)]
     fn forward(&self, input: &[f32], output: &mut [f32]) {
         output.copy_from_slice(&self.biases);

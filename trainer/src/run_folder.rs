@@ -1,16 +1,50 @@
-//! What a training run leaves behind: the float network, the weight table, and a report.
+//! The folder of a training run: the files in it, and which run it belongs to.
 
+use crate::laboratory::actors::{ActorForm, Actors};
+use crate::laboratory::checkpoint::{METADATA, first_difference, metadata};
+use crate::laboratory::configuration::Configuration;
 use crate::network::{Layer, Network};
 use host_sim::error::{Error, Result};
-use host_sim::report::files::write_whole;
+use host_sim::report::files::{check_folder, write_whole};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView, serialize};
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::HashMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Names of the files in a run folder.
 #[derive(Clone, Debug)]
 pub struct RunFolder(PathBuf);
+
+/// What a run was told: with the same version of the program, all that its result depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunIdentity {
+    /// Version of the program.
+    pub version: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Scenario and algorithm.
+    pub configuration: Configuration,
+}
+
+impl RunIdentity {
+    /// A run of this program.
+    pub fn new(seed: u64, configuration: Configuration) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            seed,
+            configuration,
+        }
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> Value {
+        serde_json::json!(self)
+    }
+}
 
 impl RunFolder {
     /// The folder at this path.
@@ -18,9 +52,40 @@ impl RunFolder {
         Self(path.to_owned())
     }
 
-    /// The float network: safetensors with PyTorch's names and shapes (`layers.0.weight` is `[outputs, inputs]`).
-    pub fn network(&self) -> PathBuf {
+    /// What the run was told; only `train` writes it.
+    pub fn identity(&self) -> PathBuf {
+        self.0.join("run.json")
+    }
+
+    /// The learner's state.
+    pub fn checkpoint(&self) -> PathBuf {
+        self.0.join("checkpoint.safetensors")
+    }
+
+    /// Metrics of every episode.
+    pub fn metrics(&self) -> PathBuf {
+        self.0.join("metrics.csv")
+    }
+
+    /// The same for other programs.
+    pub fn parquet(&self) -> PathBuf {
+        self.0.join("metrics.parquet")
+    }
+
+    /// The same for TensorBoard, which goes by the name.
+    pub fn events(&self) -> PathBuf {
+        self.0.join("events.out.tfevents.0.freshlane")
+    }
+
+    /// The float networks: safetensors with PyTorch's names and shapes. `layers.0.weight` is `[outputs, inputs]`; with one
+    /// network for each vehicle, `vehicles.0.layers.0.weight` and so on.
+    pub fn actors(&self) -> PathBuf {
         self.0.join("actor.safetensors")
+    }
+
+    /// The networks as a model, if all vehicles share one.
+    pub fn onnx(&self) -> PathBuf {
+        self.0.join("actor.onnx")
     }
 
     /// The weight table.
@@ -33,50 +98,128 @@ impl RunFolder {
         self.0.join("report.json")
     }
 
-    /// Writes all files, each whole or not at all, the report last.
+    /// Writes a run's result, each file whole or not at all, the report last. Without a table one that is there goes.
     ///
     /// # Errors
     /// The file that cannot be written.
-    pub fn write(&self, network: &Network, table: &[u8], report: &Value) -> Result<()> {
-        write_whole(&self.network(), &to_safetensors(network)?)?;
-        write_whole(&self.table(), table)?;
+    pub fn write(&self, actors: &Actors, table: Option<&[u8]>, report: &Value) -> Result<()> {
+        write_whole(&self.actors(), &to_safetensors(actors)?)?;
+        if let Some(table) = table {
+            write_whole(&self.table(), table)?;
+        }
         write_whole(&self.report(), format!("{report:#}\n").as_bytes())
     }
 
-    /// Reads the float network.
+    /// Begins a run, or goes on with it, and keeps other processes out for as long as the returned file is held.
+    ///
+    /// # Errors
+    /// If the folder holds another run, this one without `resume`, or a process that works on it.
+    pub fn claim(&self, identity: &RunIdentity, resume: bool) -> Result<File> {
+        check_folder(&self.0)?;
+        let path = self.identity();
+        if path.exists() {
+            let found = self.read_identity_json()?;
+            if let Some((key, found, expected)) = first_difference(&found, &identity.to_json()) {
+                return Err(Error::input(
+                    format!("{}: key {key}", path.display()),
+                    format!("{found}, so another run"),
+                    format!("{expected}, or another folder"),
+                ));
+            }
+            if !resume {
+                return Err(Error::input(
+                    path.display(),
+                    "this run already begun",
+                    "--resume to go on with it, or another folder",
+                ));
+            }
+        } else {
+            let files = [
+                self.checkpoint(),
+                self.metrics(),
+                self.actors(),
+                self.table(),
+                self.report(),
+            ];
+            if let Some(file) = files.iter().find(|file| file.exists()) {
+                return Err(Error::input(
+                    file.display(),
+                    "a file of another run",
+                    "an empty folder",
+                ));
+            }
+            write_whole(&path, format!("{:#}\n", identity.to_json()).as_bytes())?;
+        }
+        let file = File::open(&path).map_err(|source| Error::file(&path, source))?;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(std::fs::TryLockError::WouldBlock) => Err(Error::input(
+                path.display(),
+                "a process at work on this run",
+                "none",
+            )),
+            Err(std::fs::TryLockError::Error(source)) => Err(Error::file(&path, source)),
+        }
+    }
+
+    fn read_identity_json(&self) -> Result<Value> {
+        let path = self.identity();
+        let text = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
+        serde_json::from_slice(&text).map_err(|error| Error::input(path.display(), error, "a run"))
+    }
+
+    /// What the run was told; `None` if the folder is not that of `train`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is of another version of the program.
+    pub fn read_identity(&self) -> Result<Option<RunIdentity>> {
+        if !self.identity().exists() {
+            return Ok(None);
+        }
+        let identity = serde_json::from_value(self.read_identity_json()?);
+        identity
+            .map(Some)
+            .map_err(|error| Error::input(self.identity().display(), error, "a run of this version"))
+    }
+
+    /// Reads the float networks.
     ///
     /// # Errors
     /// The file and what is wrong with it.
-    pub fn read_network(&self) -> Result<Network> {
-        read_network(&self.network())
+    pub fn read_actors(&self) -> Result<Actors> {
+        let path = self.actors();
+        let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
+        from_safetensors(&path.display().to_string(), &bytes)
     }
 }
 
-/// Reads a float network from a safetensors file.
-///
-/// # Errors
-/// The file and what is wrong with it.
-pub fn read_network(path: &Path) -> Result<Network> {
-    let bytes = std::fs::read(path).map_err(|source| Error::file(path, source))?;
-    from_safetensors(&path.display().to_string(), &bytes)
+/// What the names of a vehicle's tensors begin with.
+fn prefix(vehicle: usize, shared: bool) -> String {
+    if shared {
+        String::new()
+    } else {
+        format!("vehicles.{vehicle}.")
+    }
 }
 
-fn to_safetensors(network: &Network) -> Result<Vec<u8>> {
+/// Networks as safetensors with their form as metadata.
+///
+/// # Errors
+/// If the format cannot hold them.
+pub fn to_safetensors(actors: &Actors) -> Result<Vec<u8>> {
     let mut tensors = Vec::new();
-    for (index, layer) in network.layers.iter().enumerate() {
-        let mut weights = Vec::new();
-        for output in 0..layer.outputs {
-            for input in 0..layer.inputs {
-                weights.extend(layer.weights[input * layer.outputs + output].to_le_bytes());
-            }
+    for (vehicle, network) in actors.networks.iter().enumerate() {
+        let prefix = prefix(vehicle, actors.shared());
+        for (index, layer) in network.layers.iter().enumerate() {
+            let bytes = |values: &mut dyn Iterator<Item = f32>| -> Vec<u8> {
+                values.flat_map(f32::to_le_bytes).collect()
+            };
+            let name = format!("{prefix}layers.{index}");
+            let shape = vec![layer.outputs, layer.inputs];
+            tensors.push((format!("{name}.weight"), shape, bytes(&mut layer.rows())));
+            let biases = bytes(&mut layer.biases.iter().copied());
+            tensors.push((format!("{name}.bias"), vec![layer.outputs], biases));
         }
-        let biases: Vec<u8> = layer.biases.iter().flat_map(|bias| bias.to_le_bytes()).collect();
-        tensors.push((
-            format!("layers.{index}.weight"),
-            vec![layer.outputs, layer.inputs],
-            weights,
-        ));
-        tensors.push((format!("layers.{index}.bias"), vec![layer.outputs], biases));
     }
     let failure = |error: safetensors::SafeTensorError| Error::input("safetensors", error, "a network");
     let views = tensors
@@ -84,12 +227,37 @@ fn to_safetensors(network: &Network) -> Result<Vec<u8>> {
         .map(|(name, shape, bytes)| Ok((name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes)?)))
         .collect::<std::result::Result<Vec<_>, _>>()
         .map_err(failure)?;
-    serialize(views, None).map_err(failure)
+    let metadata = HashMap::from([(METADATA.to_owned(), serde_json::json!(actors.form).to_string())]);
+    serialize(views, Some(metadata)).map_err(failure)
 }
 
-fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Network> {
+fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Actors> {
+    let form: ActorForm = metadata(place, bytes)?;
     let tensors =
-        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "safetensors"))?;
+        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
+    let shared = tensors.tensor("layers.0.weight").is_ok();
+    let mut networks = Vec::new();
+    while let Some(network) = read_network(place, &tensors, &prefix(networks.len(), shared))? {
+        networks.push(network);
+        if shared {
+            break;
+        }
+    }
+    let actors = Actors { form, networks };
+    let named = |error| match error {
+        Error::Input {
+            place: part,
+            found,
+            expected,
+        } => Error::input(format!("{place}: {part}"), found, expected),
+        other => other,
+    };
+    actors.check().map_err(named)?;
+    Ok(actors)
+}
+
+/// The network whose tensors' names begin so; `None` if there is no tensor of its first layer.
+fn read_network(place: &str, tensors: &SafeTensors<'_>, prefix: &str) -> Result<Option<Network>> {
     let read = |name: &str| -> Option<(Vec<usize>, Vec<f32>)> {
         let view = tensors
             .tensor(name)
@@ -102,20 +270,21 @@ fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Network> {
         ))
     };
     let mut layers: Vec<Layer> = Vec::new();
-    while let Some((shape, rows)) = read(&format!("layers.{}.weight", layers.len())) {
-        let name = format!("{place}: layers.{}", layers.len());
+    while let Some((shape, rows)) = read(&format!("{prefix}layers.{}.weight", layers.len())) {
+        let name = format!("{prefix}layers.{}", layers.len());
+        let place = format!("{place}: {name}");
         let [outputs, inputs] = shape[..] else {
             return Err(Error::input(
-                name,
+                place,
                 format!("shape {shape:?}"),
                 "[outputs, inputs]",
             ));
         };
         let previous = layers.last().map_or(inputs, |layer| layer.outputs);
-        let bias = read(&format!("layers.{}.bias", layers.len())).filter(|(shape, _)| shape[..] == [outputs]);
+        let bias = read(&format!("{name}.bias")).filter(|(shape, _)| shape[..] == [outputs]);
         let (Some((_, biases)), true) = (bias, previous == inputs) else {
             return Err(Error::input(
-                name,
+                place,
                 format!("shape {shape:?}"),
                 format!("{previous} inputs and a bias"),
             ));
@@ -130,44 +299,84 @@ fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Network> {
             biases,
         });
     }
-    if layers.is_empty() {
-        return Err(Error::input(
-            place,
-            "no tensor layers.0.weight of type F32",
-            "a network",
-        ));
-    }
-    Ok(Network { layers })
+    Ok((!layers.is_empty()).then_some(Network { layers }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_sim::stream::{Purpose, Role, WorldKey};
+    use crate::laboratory::forms::{ObservationForm, OutputForm};
+    use crate::laboratory::random;
+
+    fn actors(count: u32) -> Actors {
+        let widths = [ObservationForm::Paper.length(), 3, 2];
+        Actors {
+            form: ActorForm {
+                observation: ObservationForm::Paper,
+                output: OutputForm::SubChannelAndPower { noise: 0.1 },
+                min_vehicles: 5,
+                max_vehicles: 5,
+            },
+            networks: (0..count)
+                .map(|member| Network::random(&widths, &mut random::initial(1, member)))
+                .collect(),
+        }
+    }
 
     #[test]
     fn networks_survive_a_file() {
-        let mut stream = WorldKey {
-            seed: 1,
-            purpose: Purpose::Training,
-            world: 0,
+        for count in [1, 12] {
+            let bytes = to_safetensors(&actors(count)).unwrap();
+            assert_eq!(from_safetensors("file", &bytes).unwrap(), actors(count));
         }
-        .stream(Role::Policy, 0);
-        let network = Network::random(&[4, 3, 2], &mut stream);
-        assert_eq!(
-            from_safetensors("file", &to_safetensors(&network).unwrap()).unwrap(),
-            network
-        );
     }
 
     #[test]
     fn foreign_files_are_refused() {
         let message = |bytes: &[u8]| from_safetensors("file", bytes).unwrap_err().to_string();
         assert!(message(b"no").starts_with("file: found "));
-        let empty = to_safetensors(&Network { layers: Vec::new() }).unwrap();
+        let whole = to_safetensors(&actors(1)).unwrap();
+        assert!(message(&whole[..whole.len() - 1]).starts_with("file: found "));
         assert_eq!(
-            message(&empty),
-            "file: found no tensor layers.0.weight of type F32, expected a network"
+            message(&to_safetensors(&actors(0)).unwrap()),
+            "file: actors: found no network, expected at least one"
         );
+        let mut narrow = actors(1);
+        narrow.networks[0].layers.pop();
+        assert_eq!(
+            message(&to_safetensors(&narrow).unwrap()),
+            "file: actors: found widths [7, 3], expected 7 inputs and 2 outputs"
+        );
+        let mut odd = actors(2);
+        odd.networks[1] = Network::random(&[7, 4, 2], &mut random::initial(1, 0));
+        assert_eq!(
+            message(&to_safetensors(&odd).unwrap()),
+            "file: actor of vehicle 1: found widths [7, 4, 2], expected [7, 3, 2] as of vehicle 0"
+        );
+    }
+
+    #[test]
+    fn a_folder_is_claimed_by_one_run_and_one_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let configuration = crate::laboratory::configuration::ConfigurationSource {
+            preset: crate::laboratory::configuration::Preset::Evolution,
+            file: None,
+            settings: Vec::new(),
+        }
+        .read()
+        .unwrap();
+        let identity = |seed| RunIdentity::new(seed, configuration.clone());
+        let message = |seed, resume| run.claim(&identity(seed), resume).unwrap_err().to_string();
+        let lock = run.claim(&identity(1), false).unwrap();
+        assert!(message(1, false).contains("this run already begun"));
+        assert!(
+            message(2, true).contains("key seed: found 1, so another run, expected 2, or another folder")
+        );
+        assert!(message(1, true).contains("a process at work"));
+        drop(lock);
+        drop(run.claim(&identity(1), true).unwrap());
+        std::fs::rename(run.identity(), run.report()).unwrap();
+        assert!(message(1, true).contains("a file of another run"));
     }
 }

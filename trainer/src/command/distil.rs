@@ -1,8 +1,10 @@
 //! `trainer distil`: from a seed to a table.
 
 use crate::command::eval::compare;
-use crate::distil::{Distilled, Recipe, distil};
+use crate::distil::{Recipe, distil};
 use crate::export::{Header, source_revision, table_bytes};
+use crate::laboratory::actors::{ActorForm, Actors};
+use crate::laboratory::forms::{ObservationForm, OutputForm};
 use crate::quantise::quantise;
 use crate::run_folder::RunFolder;
 use firmware::table::{MAX_LAYERS, Provenance, Table};
@@ -51,7 +53,9 @@ fn parse_width(text: &str) -> std::result::Result<usize, String> {
 /// A table and the network behind it.
 pub struct DistilledTable {
     /// The float network.
-    pub distilled: Distilled,
+    pub actors: Actors,
+    /// Mean cross entropy of the last round.
+    pub loss: f32,
     /// The table's bytes.
     pub bytes: Vec<u8>,
 }
@@ -112,7 +116,20 @@ pub fn distil_table(
         .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
     // The firmware's own reader has the last word on what a table is.
     let _: Table<'_> = parse_table(None, &bytes)?;
-    Ok(DistilledTable { distilled, bytes })
+    let form = ActorForm {
+        observation: ObservationForm::Firmware,
+        output: OutputForm::Actions,
+        min_vehicles: recipe.min_vehicles,
+        max_vehicles: recipe.max_vehicles,
+    };
+    Ok(DistilledTable {
+        actors: Actors {
+            form,
+            networks: vec![distilled.network],
+        },
+        loss: distilled.loss,
+        bytes,
+    })
 }
 
 /// Runs and reports.
@@ -132,6 +149,14 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         ));
     }
     check_folder(&arguments.out)?;
+    let folder = RunFolder::new(&arguments.out);
+    if folder.identity().exists() {
+        return Err(Error::input(
+            folder.identity().display(),
+            "a run of train",
+            "another folder",
+        ));
+    }
     let start = Instant::now();
     let recipe = Recipe {
         seed: arguments.seed,
@@ -152,12 +177,12 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         source: &MobilitySource::Grid,
         extent,
     };
-    let comparison = pool.install(|| compare(&simulation, &made.distilled.network, &table))?;
+    let comparison = pool.install(|| compare(&simulation, &made.actors, &[table]))?;
     let report = json!({
         "seed": recipe.seed,
         "scenario": scenario,
         "hidden": recipe.hidden,
-        "cross_entropy": made.distilled.loss,
+        "cross_entropy": made.loss,
         "table_bytes": made.bytes.len(),
         "seconds": seconds,
         "worlds": extent.worlds,
@@ -167,7 +192,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         "float_mean_age_ms": comparison.float_age_ms,
         "age_lost_ms": comparison.quantised_age_ms - comparison.float_age_ms,
     });
-    RunFolder::new(&arguments.out).write(&made.distilled.network, &made.bytes, &report)?;
+    folder.write(&made.actors, Some(&made.bytes), &report)?;
     if arguments.json {
         say!("{report}");
     } else {
@@ -176,7 +201,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
              On {} held-out worlds x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.\n\
              Written to {}.",
             made.bytes.len(),
-            made.distilled.loss,
+            made.loss,
             extent.worlds,
             extent.slots,
             comparison.quantised_age_ms,

@@ -1,23 +1,28 @@
-//! `trainer eval`: a table, or a run's float network beside its table, on held-out worlds.
+//! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
-use crate::evaluate::{Agreement, FloatActor};
-use crate::network::Network;
-use crate::run_folder::RunFolder;
+use crate::actor_table::{actor_tables, check_form, setting};
+use crate::evaluate::{Agreement, FloatActors, OwnTables, Setting};
+use crate::laboratory::actors::Actors;
+use crate::run_folder::{RunFolder, RunIdentity};
 use firmware::table::Table;
-use host_sim::command::options::thread_pool;
-use host_sim::command::run::RunOptions;
+use host_sim::age::AgeSummary;
+use host_sim::command::options::{parse_table, table_bytes, thread_pool};
+use host_sim::command::run::{PreparedRun, RunOptions};
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
-use host_sim::report::ages;
+use host_sim::report::{PolicyResult, ages};
 use host_sim::say;
+use host_sim::scenario::Preset;
 use host_sim::simulation::Simulation;
 use serde_json::json;
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// Options of `eval`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct EvalArguments {
-    /// Folder of a training run: evaluates its table and its float network
+    /// Folder of a training run: evaluates its actors in int8 (actor), in float (float), and exploring as in training
+    /// (exploring); in the scenario of the run unless --set changes it; beside the central scheduler unless --policy is given
     #[arg(long, value_name = "DIR", conflicts_with = "table")]
     pub run: Option<PathBuf>,
     /// Worlds, policies and output.
@@ -36,20 +41,129 @@ pub struct Comparison {
     pub float_age_ms: f64,
 }
 
-/// Compares a network with its table, on the current rayon pool.
+/// Compares actors with their tables, on the current rayon pool.
 ///
 /// # Errors
-/// If the table does not serve the scenario.
-pub fn compare(simulation: &Simulation<'_>, network: &Network, table: &Table<'_>) -> Result<Comparison> {
-    let (quantised, _) = simulation.run_policy(PolicyName::Actor, table, |_| ())?;
-    let agreement = Agreement::default();
-    let build = |_: &_| -> Box<dyn Policy + '_> { Box::new(FloatActor::new(network, table, &agreement)) };
-    let (float, _) = simulation.run(build, |_| ())?;
+/// If the tables do not serve the scenario.
+pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>]) -> Result<Comparison> {
+    let setting = tables
+        .first()
+        .map_or_else(|| setting(simulation.scenario), Setting::of_table);
+    let float = float(simulation, actors, setting, tables)?;
     Ok(Comparison {
-        agreement: agreement.fraction().unwrap_or(1.0),
-        quantised_age_ms: quantised.mean_ms,
-        float_age_ms: float.mean_ms,
+        agreement: float.1.unwrap_or(1.0),
+        quantised_age_ms: quantised(simulation, tables)?.mean_ms,
+        float_age_ms: float.0.mean_ms,
     })
+}
+
+/// Ages with the firmware's units and these tables: one for all, or one for each vehicle.
+///
+/// # Errors
+/// If they do not serve the scenario.
+pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<AgeSummary> {
+    if let [shared] = tables {
+        return Ok(simulation.run_policy(PolicyName::Actor, shared, |_| ())?.0);
+    }
+    let vehicles = simulation.source.most_vehicles(simulation.scenario);
+    for table in tables {
+        PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
+    }
+    check_vehicles(simulation, tables.len())?;
+    let build = |key: &_| -> Box<dyn Policy + '_> { Box::new(OwnTables::new(tables, *key)) };
+    Ok(simulation.run(build, |_| ())?.0)
+}
+
+/// Ages with the greedy float networks, and the fraction of decisions that the tables share, if there are any.
+///
+/// # Errors
+/// If there are more vehicles than networks of their own.
+pub fn float(
+    simulation: &Simulation<'_>,
+    actors: &Actors,
+    setting: Setting,
+    tables: &[Table<'_>],
+) -> Result<(AgeSummary, Option<f64>)> {
+    check_actors(simulation, actors)?;
+    let agreement = Agreement::default();
+    let build = |_: &_| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
+    };
+    let (ages, _) = simulation.run(build, |_| ())?;
+    Ok((ages, agreement.fraction()))
+}
+
+/// Ages with the float networks exploring as in training.
+///
+/// # Errors
+/// As [`float`].
+pub fn exploring(simulation: &Simulation<'_>, actors: &Actors, setting: Setting) -> Result<AgeSummary> {
+    check_actors(simulation, actors)?;
+    let agreement = Agreement::default();
+    let build = |key: &_| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::exploring(actors, setting, key, &agreement))
+    };
+    Ok(simulation.run(build, |_| ())?.0)
+}
+
+fn check_actors(simulation: &Simulation<'_>, actors: &Actors) -> Result<()> {
+    if actors.shared() {
+        return Ok(());
+    }
+    check_vehicles(simulation, actors.networks.len())
+}
+
+/// Vehicles with an actor each can be fewer than in training, but not more.
+fn check_vehicles(simulation: &Simulation<'_>, actors: usize) -> Result<()> {
+    let vehicles = simulation.source.vehicles(simulation.scenario);
+    if vehicles <= actors {
+        return Ok(());
+    }
+    let expected = format!("at most {actors}, each with an actor of its own");
+    Err(Error::input("vehicles", vehicles, expected))
+}
+
+/// A run's actors with all that their evaluation needs.
+pub struct TrainedActors {
+    /// The float networks.
+    pub actors: Actors,
+    /// What they see and do.
+    pub setting: Setting,
+    /// One table, or one for each vehicle; none where the form or a layer is none for tables.
+    pub tables: Vec<Vec<u8>>,
+    /// What the run was told, if `train` made it.
+    pub identity: Option<RunIdentity>,
+}
+
+impl TrainedActors {
+    /// Reads a run folder, on the current rayon pool.
+    ///
+    /// # Errors
+    /// The file that is missing or does not fit.
+    pub fn read(folder: &RunFolder) -> Result<Self> {
+        let (actors, identity) = (folder.read_actors()?, folder.read_identity()?);
+        let (setting, tables) = match &identity {
+            Some(identity) => {
+                let tables = match check_form(&actors) {
+                    Ok(()) => actor_tables(identity, &actors)?,
+                    Err(_) => Vec::new(),
+                };
+                (setting(&identity.configuration.scenario), tables)
+            }
+            None => {
+                let bytes = table_bytes(Some(&folder.table()))?;
+                let table = parse_table(Some(&folder.table()), &bytes)?;
+                check_widths(folder, &actors, &table)?;
+                (Setting::of_table(&table), vec![bytes.clone()])
+            }
+        };
+        Ok(Self {
+            actors,
+            setting,
+            tables,
+            identity,
+        })
+    }
 }
 
 /// Runs and reports.
@@ -58,52 +172,161 @@ pub fn compare(simulation: &Simulation<'_>, network: &Network, table: &Table<'_>
 /// The first input that does not fit.
 pub fn run(arguments: &EvalArguments) -> Result<()> {
     let mut options = arguments.options.clone();
-    let folder = arguments.run.as_deref().map(RunFolder::new);
-    if let Some(folder) = &folder {
-        options.table = Some(folder.table());
-    }
-    let prepared = options.prepare()?;
-    let table = prepared.table()?;
-    let network = folder
-        .as_ref()
-        .map(|folder| read_network(folder, &table))
-        .transpose()?;
     let pool = thread_pool(options.threads)?;
-    let results = pool.install(|| prepared.results(options.json))?;
-    let mut object = prepared.to_json(&results);
-    if !options.json {
-        say!(
-            "{}",
-            ages::table(
-                &results,
-                &prepared.description(),
-                prepared.simulation().bound_age_ms()
-            )
-        );
+    let Some(folder) = &arguments.run else {
+        let prepared = options.prepare()?;
+        let results = pool.install(|| prepared.results(options.json))?;
+        report(&prepared, &results, None, options.json);
+        return Ok(());
+    };
+    let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
+    if let Some(identity) = &trained.identity {
+        options = in_scenario_of(identity, options)?;
     }
-    if let Some(network) = network {
-        let comparison = pool.install(|| compare(&prepared.simulation(), &network, &table))?;
-        let age_lost_ms = comparison.quantised_age_ms - comparison.float_age_ms;
-        object["float_mean_age_ms"] = json!(comparison.float_age_ms);
-        object["age_lost_ms"] = json!(age_lost_ms);
-        object["agreement"] = json!(comparison.agreement);
-        if !options.json {
-            say!(
-                "Float network: {:.3} ms; int8 loses {age_lost_ms:.3} ms; {:.3} % of decisions agree.",
-                comparison.float_age_ms,
-                100.0 * comparison.agreement
-            );
+    let asked = std::mem::replace(&mut options.policy, vec![PolicyName::Central]);
+    let mut prepared = options.prepare()?;
+    check_radio(&prepared, trained.setting)?;
+    if !asked.is_empty() {
+        prepared.policies = asked;
+        // The actor is the run's own, which comes anyway.
+        prepared.policies.retain(|policy| *policy != PolicyName::Actor);
+        prepared.policies.sort();
+        prepared.policies.dedup();
+    }
+    let (mut results, agreement) = pool.install(|| trained_results(&prepared, &trained))?;
+    results.extend(pool.install(|| prepared.results(options.json))?);
+    report(&prepared, &results, agreement, options.json);
+    Ok(())
+}
+
+/// The options with the run's scenario below the user's settings.
+fn in_scenario_of(identity: &RunIdentity, mut options: RunOptions) -> Result<RunOptions> {
+    let scenario = &mut options.scenario;
+    if let Some(file) = &scenario.scenario {
+        return Err(Error::input(
+            "--scenario",
+            file.display(),
+            "none with --run, whose scenario is taken; --set changes it",
+        ));
+    }
+    if scenario.preset != Preset::default() {
+        let found = format!("{:?}", scenario.preset);
+        return Err(Error::input(
+            "--preset",
+            found,
+            "none with --run, whose scenario is taken; --set changes it",
+        ));
+    }
+    let table = toml::Table::try_from(&identity.configuration.scenario)
+        .map_err(|error| Error::input("scenario", error, "one that TOML can hold"))?;
+    let mut settings = Vec::new();
+    for (section, keys) in &table {
+        for (key, value) in keys.as_table().into_iter().flatten() {
+            settings.push(format!("{section}.{key}={value}"));
         }
     }
-    if options.json {
-        say!("{object}");
+    settings.append(&mut scenario.set);
+    scenario.set = settings;
+    Ok(options)
+}
+
+/// Measured gains are relative to full power, and the joiner levels to the required SINR: actors live in the scenario that
+/// they were made for.
+fn check_radio(prepared: &PreparedRun, known: Setting) -> Result<()> {
+    let radio = &prepared.scenario.radio;
+    let asked = setting(&prepared.scenario);
+    if asked.power_plan.max_power != known.power_plan.max_power {
+        let expected = format!("{} dBm as in training", known.power_plan.max_power.value());
+        return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));
+    }
+    if asked.required_sinr != known.required_sinr {
+        let expected = format!(
+            "a required SINR of {:.3} dB as in training",
+            known.required_sinr.to_num::<f64>()
+        );
+        return Err(Error::input(
+            "radio.min_spectral_efficiency",
+            radio.min_spectral_efficiency,
+            expected,
+        ));
     }
     Ok(())
 }
 
-/// Reads a run's network and checks that the table is one of its kind.
-fn read_network(folder: &RunFolder, table: &Table<'_>) -> Result<Network> {
-    let network = folder.read_network()?;
+/// All forms of the actors, and how far the int8 form decides like the float form.
+fn trained_results(
+    prepared: &PreparedRun,
+    trained: &TrainedActors,
+) -> Result<(Vec<PolicyResult>, Option<f64>)> {
+    let simulation = prepared.simulation();
+    let tables: Result<Vec<Table<'_>>> = trained
+        .tables
+        .iter()
+        .map(|bytes| parse_table(None, bytes))
+        .collect();
+    let (tables, actors, setting) = (tables?, &trained.actors, trained.setting);
+    let extent = prepared.extent;
+    let slots = f64::from(extent.worlds) * f64::from(extent.slots_per_world());
+    let result = |name, ages: AgeSummary, start: Instant| PolicyResult {
+        name,
+        ages,
+        traffic: None,
+        slots_per_second: slots / start.elapsed().as_secs_f64(),
+    };
+    let mut results = Vec::new();
+    if !tables.is_empty() {
+        let start = Instant::now();
+        results.push(result("actor", quantised(&simulation, &tables)?, start));
+    }
+    let start = Instant::now();
+    let (ages, agreement) = float(&simulation, actors, setting, &tables)?;
+    results.push(result("float", ages, start));
+    let start = Instant::now();
+    results.push(result(
+        "exploring",
+        exploring(&simulation, actors, setting)?,
+        start,
+    ));
+    Ok((results, agreement))
+}
+
+fn report(prepared: &PreparedRun, results: &[PolicyResult], agreement: Option<f64>, json: bool) {
+    let mut object = prepared.to_json(results);
+    let mean = |name: &str| {
+        results
+            .iter()
+            .find(|result| result.name == name)
+            .map(|result| result.ages.mean_ms)
+    };
+    let lost = mean("actor")
+        .zip(mean("float"))
+        .map(|(actor, float)| actor - float);
+    if !json {
+        let bound = prepared.simulation().bound_age_ms();
+        say!("{}", ages::table(results, &prepared.description(), bound));
+    }
+    if let Some(float) = mean("float") {
+        object["float_mean_age_ms"] = json!(float);
+        object["age_lost_ms"] = json!(lost);
+        object["agreement"] = json!(agreement);
+        if !json {
+            match lost.zip(agreement) {
+                Some((lost, agreement)) => say!(
+                    "Actor: int8 as deployed. Float: greedy too; int8 loses {lost:.3} ms, and {:.3} % of decisions agree.",
+                    100.0 * agreement
+                ),
+                None => say!("No table holds this actor, so it has no int8 form. Float: greedy."),
+            }
+            say!("Exploring: as in training, drawn or with noise.");
+        }
+    }
+    if json {
+        say!("{object}");
+    }
+}
+
+/// Checks that a table is one of the networks' kind.
+fn check_widths(folder: &RunFolder, actors: &Actors, table: &Table<'_>) -> Result<()> {
     let layers = table.hidden_layers().iter().chain([table.output_layer()]);
     let first = table
         .hidden_layers()
@@ -114,12 +337,13 @@ fn read_network(folder: &RunFolder, table: &Table<'_>) -> Result<Network> {
         .into_iter()
         .chain(layers.map(|layer| layer.outputs_len()))
         .collect();
-    if network.widths() == expected {
-        return Ok(network);
+    let widths = actors.networks[0].widths();
+    if widths == expected {
+        return Ok(());
     }
-    let found = format!("widths {:?}", network.widths());
+    let found = format!("widths {widths:?}");
     Err(Error::input(
-        folder.network().display(),
+        folder.actors().display(),
         found,
         format!("{expected:?} as in the table"),
     ))

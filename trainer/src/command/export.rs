@@ -1,12 +1,15 @@
 //! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
 //! seed gives.
 
+use crate::actor_table::check_form;
 use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
+use crate::command::eval::TrainedActors;
 use crate::distil::Recipe;
 use crate::export::{revision_text, table_source};
+use crate::onnx;
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
-use host_sim::command::options::{parse_table, table_bytes, thread_pool};
+use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::error::{Error, Result};
 use host_sim::report::files::write_whole;
 use host_sim::say;
@@ -16,9 +19,15 @@ use std::path::PathBuf;
 /// Options of `export`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ExportArguments {
-    /// Folder of a training run whose table to export [default: distil anew]
+    /// Folder of a training run whose actor to export [default: distil anew]
     #[arg(long, value_name = "DIR", conflicts_with_all = ["seed", "check"])]
     pub run: Option<PathBuf>,
+    /// Which vehicle's, where each has an actor of its own
+    #[arg(long, value_name = "INDEX", requires = "run")]
+    pub vehicle: Option<usize>,
+    /// Write the float network as an ONNX model to this file, and nothing else
+    #[arg(long, value_name = "FILE", requires = "run")]
+    pub onnx: Option<PathBuf>,
     /// Seed to distil with
     #[arg(long, conflicts_with = "check")]
     pub seed: Option<u64>,
@@ -45,8 +54,26 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
     if arguments.check {
         return pool.install(|| check(arguments.json));
     }
+    if let (Some(folder), Some(path)) = (&arguments.run, &arguments.onnx) {
+        let actors = RunFolder::new(folder).read_actors()?;
+        let vehicle = chosen(actors.networks.len(), arguments.vehicle)?;
+        let model = onnx::model(&actors.networks[vehicle], actors.form.output);
+        write_whole(path, &model)?;
+        if arguments.json {
+            say!("{}", json!({ "onnx": path, "onnx_bytes": model.len() }));
+        } else {
+            say!("Wrote {}, {} bytes.", path.display(), model.len());
+        }
+        return Ok(());
+    }
     let bytes = match &arguments.run {
-        Some(folder) => table_bytes(Some(&RunFolder::new(folder).table()))?,
+        Some(folder) => {
+            let folder = RunFolder::new(folder);
+            let trained = pool.install(|| TrainedActors::read(&folder))?;
+            check_form(&trained.actors)?;
+            let vehicle = chosen(trained.tables.len(), arguments.vehicle)?;
+            trained.tables[vehicle].clone()
+        }
         None => {
             let recipe = Recipe {
                 seed: arguments.seed.unwrap_or(Recipe::default().seed),
@@ -78,6 +105,19 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
         &format!("Wrote {} and {}.", source.display(), arguments.out.display()),
     );
     Ok(())
+}
+
+/// Index of the actor that is meant.
+fn chosen(actors: usize, vehicle: Option<usize>) -> Result<usize> {
+    match (actors, vehicle) {
+        (1, None) => Ok(0),
+        (_, Some(vehicle)) if vehicle < actors => Ok(vehicle),
+        (_, vehicle) => {
+            let found = vehicle.map_or("none".to_owned(), |vehicle| vehicle.to_string());
+            let expected = format!("0 to {}: each vehicle has an actor of its own", actors - 1);
+            Err(Error::input("--vehicle", found, expected))
+        }
+    }
 }
 
 /// Distils the shipped table again, with the provenance it states.

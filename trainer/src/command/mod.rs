@@ -3,3 +3,4 @@
 pub mod distil;
 pub mod eval;
 pub mod export;
+pub mod train;

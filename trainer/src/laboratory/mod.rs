@@ -6,9 +6,12 @@
 //! evaluation ever meets.
 
 pub mod actors;
+pub mod checkpoint;
 pub mod configuration;
 pub mod forms;
 pub mod game;
 pub mod learner;
+pub mod metrics_log;
 pub mod random;
 pub mod state;
+pub mod tensorboard;

@@ -11,7 +11,7 @@ use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
 use crate::network::{Adam, Network};
-use crate::run_folder::read_network;
+use crate::run_folder::RunFolder;
 use firmware::decision::{ACTIONS, Action};
 use firmware::observation::INPUTS;
 use host_sim::environment::Environment;
@@ -235,12 +235,14 @@ fn prior(recipe: &Recipe, stream: &mut Stream) -> Network {
 
 /// The actor to go on from, with its scores made sharper or, so that it explores, blunter.
 fn first_actor(recipe: &Recipe) -> Result<Network> {
-    let mut actor = read_network(&recipe.first_actor)?;
+    let folder = RunFolder::new(&recipe.first_actor);
+    let actors = folder.read_actors()?;
+    let mut actor = actors.network(0).clone();
     let (found, expected) = (actor.widths(), widths(INPUTS, &recipe.hidden, ACTIONS));
-    if found != expected {
-        let place = recipe.first_actor.display();
-        let expected = format!("{expected:?} as ppo.hidden says");
-        return Err(Error::input(place, format!("widths {found:?}"), expected));
+    if !actors.shared() || found != expected {
+        let found = format!("{} of widths {found:?}", actors.networks.len());
+        let expected = format!("one of widths {expected:?} as ppo.hidden says");
+        return Err(Error::input(folder.actors().display(), found, expected));
     }
     if let Some(last) = actor.layers.last_mut() {
         let parameters = last.weights.iter_mut().chain(&mut last.biases);

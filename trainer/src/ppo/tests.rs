@@ -317,9 +317,9 @@ fn bad_options_are_named() {
         message("ppo.hidden=[2000]"),
         "ppo.hidden: found [2000], expected at most 3 widths from 1 to 1024"
     );
-    let learner = read(&["ppo.first_actor='nowhere.safetensors'"])
+    let learner = read(&["ppo.first_actor='nowhere'"])
         .unwrap()
         .learner(1);
     let error = learner.err().map(|error| error.to_string()).unwrap_or_default();
-    assert!(error.starts_with("nowhere.safetensors: "), "{error}");
+    assert!(error.starts_with("nowhere/actor.safetensors: "), "{error}");
 }

@@ -1,0 +1,194 @@
+//! A learner's state as a safetensors file that says which run it belongs to.
+
+use super::state::{State, Tensor, Values};
+use host_sim::error::{Error, Result};
+use safetensors::tensor::{Dtype, TensorView, serialize};
+use safetensors::{SafeTensorError, SafeTensors};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::HashMap;
+
+/// The one key of a file's metadata. One, because safetensors writes several in no fixed order.
+pub(crate) const METADATA: &str = "freshlane";
+
+/// What a checkpoint says besides tensors.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    /// What the run was told.
+    run: Value,
+    counters: Value,
+}
+
+/// The file's bytes.
+///
+/// # Errors
+/// If the format cannot hold the state.
+pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
+    let header = Header {
+        run: run.clone(),
+        counters: state.counters.clone(),
+    };
+    let bytes: Vec<(&String, &Tensor, Dtype, Vec<u8>)> = state
+        .tensors
+        .iter()
+        .map(|(name, tensor)| {
+            let (dtype, bytes) = little_endian(&tensor.values);
+            (name, tensor, dtype, bytes)
+        })
+        .collect();
+    let views = bytes
+        .iter()
+        .map(|(name, tensor, dtype, bytes)| {
+            Ok((
+                name.as_str(),
+                TensorView::new(*dtype, tensor.shape.clone(), bytes)?,
+            ))
+        })
+        .collect::<std::result::Result<Vec<_>, SafeTensorError>>();
+    let metadata = HashMap::from([(METADATA.to_owned(), serde_json::json!(header).to_string())]);
+    views
+        .and_then(|views| serialize(views, Some(metadata)))
+        .map_err(|error| Error::input("checkpoint", error, "a state that safetensors can hold"))
+}
+
+/// Reads a checkpoint of this run.
+///
+/// # Errors
+/// If the file is no whole checkpoint, or that of another run.
+pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
+    let header: Header = metadata(place, bytes)?;
+    if let Some((key, found, expected)) = first_difference(&header.run, run) {
+        return Err(Error::input(format!("{place}: key {key}"), found, expected));
+    }
+    let file =
+        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
+    let mut state = State::new(header.counters);
+    for (name, view) in file.tensors() {
+        let values = match view.dtype() {
+            Dtype::F32 => Values::F32(
+                view.data()
+                    .as_chunks()
+                    .0
+                    .iter()
+                    .map(|&value| f32::from_le_bytes(value))
+                    .collect(),
+            ),
+            Dtype::I64 => Values::I64(
+                view.data()
+                    .as_chunks()
+                    .0
+                    .iter()
+                    .map(|&value| i64::from_le_bytes(value))
+                    .collect(),
+            ),
+            Dtype::U8 => Values::U8(view.data().to_vec()),
+            other => {
+                let found = format!("{other:?}");
+                return Err(Error::input(format!("{place}: {name}"), found, "F32, I64 or U8"));
+            }
+        };
+        state.put(name, view.shape(), values);
+    }
+    Ok(state)
+}
+
+/// Reads this product's part of a file's metadata.
+///
+/// # Errors
+/// If the file is not safetensors, or of another product or purpose.
+pub(crate) fn metadata<T: serde::de::DeserializeOwned>(place: &str, bytes: &[u8]) -> Result<T> {
+    let (_, metadata) =
+        SafeTensors::read_metadata(bytes).map_err(|error| Error::input(place, error, "safetensors"))?;
+    let text = metadata.metadata().as_ref().and_then(|all| all.get(METADATA));
+    let Some(text) = text else {
+        return Err(Error::input(
+            place,
+            format!("no metadata \"{METADATA}\""),
+            "a file of this program",
+        ));
+    };
+    serde_json::from_str(text).map_err(|error| Error::input(place, error, "the metadata of such a file"))
+}
+
+fn little_endian(values: &Values) -> (Dtype, Vec<u8>) {
+    match values {
+        Values::F32(values) => (
+            Dtype::F32,
+            values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        ),
+        Values::I64(values) => (
+            Dtype::I64,
+            values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        ),
+        Values::U8(values) => (Dtype::U8, values.clone()),
+    }
+}
+
+/// The first key, in dotted form, whose values differ, and both values.
+pub fn first_difference(found: &Value, expected: &Value) -> Option<(String, String, String)> {
+    let (Value::Object(one), Value::Object(other)) = (found, expected) else {
+        return (found != expected).then(|| (String::new(), found.to_string(), expected.to_string()));
+    };
+    let keys = one
+        .keys()
+        .chain(other.keys().filter(|key| !one.contains_key(*key)));
+    for key in keys {
+        let (left, right) = (one.get(key), other.get(key));
+        let difference = match (left, right) {
+            (Some(left), Some(right)) => first_difference(left, right),
+            (left, right) => {
+                let text = |value: Option<&Value>| value.map_or("nothing".to_owned(), Value::to_string);
+                Some((String::new(), text(left), text(right)))
+            }
+        };
+        if let Some((rest, found, expected)) = difference {
+            let dot = if rest.is_empty() { "" } else { "." };
+            return Some((format!("{key}{dot}{rest}"), found, expected));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn state() -> State {
+        let mut state = State::new(json!({ "done": 7 }));
+        state.put("weights", &[2, 2], vec![1.0_f32, -0.0, f32::MIN_POSITIVE, 3.5]);
+        state.put("actions", &[3], vec![0_u8, 1, 255]);
+        state.put("indices", &[1], vec![i64::MIN]);
+        state
+    }
+
+    #[test]
+    fn states_survive_a_file() {
+        let run = json!({ "seed": 1 });
+        let bytes = to_bytes(&run, &state()).unwrap();
+        assert_eq!(bytes, to_bytes(&run, &state()).unwrap());
+        assert_eq!(from_bytes("file", &bytes, &run).unwrap(), state());
+    }
+
+    #[test]
+    fn truncated_foreign_and_other_runs_checkpoints_are_refused() {
+        let run = json!({ "seed": 1, "algorithm": { "ppo": { "hidden": [64, 64] } } });
+        let bytes = to_bytes(&run, &state()).unwrap();
+        let message = |bytes: &[u8], run: &Value| from_bytes("file", bytes, run).unwrap_err().to_string();
+        for length in [0, 7, 100, bytes.len() - 1] {
+            let message = message(&bytes[..length], &run);
+            assert!(message.starts_with("file: found "), "{message}");
+        }
+        let foreign = serialize([("a", TensorView::new(Dtype::U8, vec![1], &[1]).unwrap())], None).unwrap();
+        assert_eq!(
+            message(&foreign, &run),
+            "file: found no metadata \"freshlane\", expected a file of this program"
+        );
+        let other = json!({ "seed": 1, "algorithm": { "ppo": { "hidden": [64, 32] } } });
+        assert_eq!(
+            message(&bytes, &other),
+            "file: key algorithm.ppo.hidden: found [64,64], expected [64,32]"
+        );
+    }
+}
