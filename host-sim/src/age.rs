@@ -106,6 +106,8 @@ pub struct AgeSummary {
     pub ci95_ms: Option<f64>,
     /// Median over worlds of their means.
     pub median_world_ms: f64,
+    /// Mean of each world in which a vehicle was present after warm-up, in the order of worlds.
+    pub by_world_ms: Vec<f64>,
     /// 99th percentile over all vehicle-slots after warm-up.
     pub p99_ms: f64,
     /// Mean over vehicles and the first 100 slots.
@@ -128,6 +130,7 @@ impl AgeSummary {
             return None;
         }
         let (mean_ms, ci95_ms) = Self::mean_and_interval(&means);
+        let by_world_ms = means.clone();
         means.sort_by(f64::total_cmp);
         let median_world_ms = f64::midpoint(means[(means.len() - 1) / 2], means[means.len() / 2]);
 
@@ -160,6 +163,7 @@ impl AgeSummary {
             mean_ms,
             ci95_ms,
             median_world_ms,
+            by_world_ms,
             p99_ms: quantile(&histogram, 0.99),
             first100_ms: cold_start.value().unwrap_or(mean_ms),
             success_per_slot: successes as f64 / slots as f64,

@@ -20,6 +20,8 @@ enum Command {
     Train(command::train::TrainArguments),
     /// Ages of a table, or of a training run, on held-out worlds
     Eval(command::eval::EvalArguments),
+    /// Whether a table beats other policies: differences on the same worlds, with their intervals
+    Compare(command::compare::CompareArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
     Export(command::export::ExportArguments),
 }
@@ -33,6 +35,7 @@ fn main() -> ExitCode {
         Command::Distil(arguments) => command::distil::run(&arguments),
         Command::Train(arguments) => command::train::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
+        Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
     };
     host_sim::command::finish(outcome)
