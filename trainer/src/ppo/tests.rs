@@ -208,7 +208,7 @@ fn greedy_reward(actor: &Network, slots: u32) -> f64 {
 fn the_best_play_of_the_toy_is_found() {
     let recipe = recipe(&[
         "ppo.discount=0.9",
-        "ppo.slots=6",
+        "ppo.slots=3",
         "ppo.epochs=4",
         "ppo.minibatch=256",
     ]);
@@ -224,8 +224,8 @@ fn the_best_play_of_the_toy_is_found() {
             actor,
             critic,
         };
-        for update in 0..200_u16 {
-            let left = 1.0 - f32::from(update) / 200.0;
+        for update in 0..400_u16 {
+            let left = 1.0 - f32::from(update) / 400.0;
             let rates = Rates {
                 actor: 1e-2 * left,
                 critic: 1e-2 * left,
