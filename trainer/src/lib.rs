@@ -13,6 +13,7 @@ pub mod laboratory;
 pub mod learning_curves;
 pub mod network;
 pub mod onnx;
+pub mod ppo;
 pub mod quantise;
 pub mod run_folder;
 pub mod study;

@@ -5,6 +5,7 @@
 
 use super::learner::Learner;
 use crate::evolution::{Evolution, EvolutionLearner};
+use crate::ppo::{self, PpoLearner};
 use host_sim::error::{Error, Result};
 use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
 use host_sim::scenario::{self, Scenario};
@@ -19,6 +20,10 @@ use toml::{Table, Value};
 pub enum Preset {
     /// A search without gradients: a baseline, and the quickest run.
     Evolution,
+    /// On-policy learning from the cell alone, for every load.
+    Ppo,
+    /// The same from a distilled actor on.
+    FineTune,
 }
 
 /// A learning algorithm and its parameters.
@@ -27,6 +32,8 @@ pub enum Preset {
 pub enum Algorithm {
     /// Cross-entropy search over the actor's parameters.
     Evolution(Evolution),
+    /// Proximal policy optimisation of one shared actor.
+    Ppo(ppo::Recipe),
 }
 
 /// A checked configuration.
@@ -54,13 +61,15 @@ impl Preset {
     const fn text(self) -> &'static str {
         match self {
             Self::Evolution => include_str!("../../presets/evolution.toml"),
+            Self::Ppo => include_str!("../../presets/ppo.toml"),
+            Self::FineTune => include_str!("../../presets/fine-tune.toml"),
         }
     }
 
     /// The scenario that it starts from.
     const fn scenario(self) -> scenario::Preset {
         match self {
-            Self::Evolution => scenario::Preset::Paper,
+            Self::Evolution | Self::Ppo | Self::FineTune => scenario::Preset::Paper,
         }
     }
 
@@ -84,6 +93,7 @@ impl Algorithm {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Evolution(_) => "evolution",
+            Self::Ppo(_) => "ppo",
         }
     }
 
@@ -91,7 +101,8 @@ impl Algorithm {
     fn read(name: &str, section: Value) -> Result<Self> {
         match name {
             "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
-            other => Err(Error::input("algorithm", other, "evolution")),
+            "ppo" => Ok(Self::Ppo(parameters(name, section)?)),
+            other => Err(Error::input("algorithm", other, "evolution or ppo")),
         }
     }
 
@@ -99,6 +110,7 @@ impl Algorithm {
     fn check(&self, scenario: &Scenario) -> Result<()> {
         match self {
             Self::Evolution(evolution) => evolution.check(scenario),
+            Self::Ppo(recipe) => recipe.check(scenario),
         }
     }
 }
@@ -154,6 +166,10 @@ impl Configuration {
                 evolution.clone(),
                 seed,
             ))),
+            Algorithm::Ppo(recipe) => {
+                let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
+                Ok(Box::new(learner))
+            }
         }
     }
 }
