@@ -86,6 +86,7 @@ impl Recipe {
                 ));
             }
         }
+        self.check_first_actor()?;
         let [first_rate, last_rate] = self.learning_rate;
         let [first_critic_rate, last_critic_rate] = self.critic_learning_rate;
         let [first_entropy, last_entropy] = self.entropy;
@@ -121,6 +122,28 @@ impl Recipe {
                 found,
                 "numbers from -100 to 100",
             ));
+        }
+        Ok(())
+    }
+
+    /// Checks that what belongs to a first actor comes with one.
+    fn check_first_actor(&self) -> Result<()> {
+        let needs = if self.first_actor_sharpness != 1.0 {
+            format!(
+                "ppo.first_actor_sharpness, which is {}",
+                self.first_actor_sharpness
+            )
+        } else if self.critic_first_episodes > 0 {
+            format!(
+                "ppo.critic_first_episodes, which is {}",
+                self.critic_first_episodes
+            )
+        } else {
+            return Ok(());
+        };
+        if self.first_actor.as_os_str().is_empty() {
+            let expected = format!("the folder of a run, for {needs}");
+            return Err(Error::input("ppo.first_actor", "none", expected));
         }
         Ok(())
     }
