@@ -185,7 +185,7 @@ fn every_link_leads_somewhere() {
     let mut checked = 0;
     for Chapter { path, text } in chapters.iter().chain(&others) {
         for event in Parser::new_ext(text, Options::ENABLE_TABLES) {
-            let (Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. })) = event else {
+            let Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) = event else {
                 continue;
             };
             if dest_url.starts_with("https://") || dest_url.starts_with("http://") {

@@ -216,6 +216,11 @@ impl BaseStation {
         &self.period
     }
 
+    /// Ages in slots up to which vehicles keep their turn. `[vehicle][world]`.
+    pub fn turns_lost_after(&self) -> &Rows<u8> {
+        &self.turn_lost_after
+    }
+
     /// The code of every group's joiner probability.
     #[inline(always)]
     pub fn joiner_code(&self, world: usize, group: usize) -> u8 {

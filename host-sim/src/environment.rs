@@ -28,6 +28,8 @@ pub struct Environment<'s> {
     scenario: &'s Scenario,
     source: &'s MobilitySource,
     vectors: Vectors,
+    /// How many vehicles there is room for.
+    vehicles: usize,
     /// By world.
     keys: Vec<WorldKey>,
     mobility: Vec<Mobility<'s>>,
@@ -56,13 +58,27 @@ impl<'s> Environment<'s> {
         purpose: Purpose,
         worlds: Range<u64>,
     ) -> Self {
+        Self::with_room(scenario, source, seed, purpose, worlds, 0)
+    }
+
+    /// [`Environment::new`] with room for `vehicles` in all, where the source brings fewer: the others may
+    /// [`Environment::join`]. As long as none does, the bytes are the same.
+    pub fn with_room(
+        scenario: &'s Scenario,
+        source: &'s MobilitySource,
+        seed: u64,
+        purpose: Purpose,
+        worlds: Range<u64>,
+        vehicles: usize,
+    ) -> Self {
         let keys: Vec<WorldKey> = worlds.map(|world| WorldKey { seed, purpose, world }).collect();
-        let (count, vehicles) = (keys.len(), source.vehicles(scenario));
+        let (count, vehicles) = (keys.len(), vehicles.max(source.vehicles(scenario)));
         let sub_channels = scenario.radio.sub_channels as usize;
         let mut environment = Self {
             scenario,
             source,
             vectors: Vectors::widest(),
+            vehicles,
             mobility: keys
                 .iter()
                 .map(|key| Mobility::new(source, scenario, key))
@@ -93,7 +109,7 @@ impl<'s> Environment<'s> {
             return;
         };
         let vectors = self.vectors;
-        *self = Self::new(self.scenario, self.source, seed, purpose, worlds);
+        *self = Self::with_room(self.scenario, self.source, seed, purpose, worlds, self.vehicles);
         self.vectors = vectors;
     }
 
@@ -122,14 +138,28 @@ impl<'s> Environment<'s> {
         self.keys.len()
     }
 
-    /// How many vehicles ever appear in a world; their indices are below.
+    /// A vehicle joins every world on the lane of the grid nearest to a place in metres. It is present from the next update
+    /// of places on. `None` if there is no room, or no grid.
+    pub fn join(&mut self, x_m: f64, y_m: f64) -> Option<usize> {
+        let room = self.vehicles;
+        let joined = self.mobility.iter_mut().map(|mobility| match mobility {
+            Mobility::Grid(grid) if grid.vehicles() < room => Some(grid.join(x_m, y_m)),
+            _ => None,
+        });
+        joined.last().flatten()
+    }
+
+    /// How many vehicles there is room for, at least all that ever appear in a world; their indices are below.
     pub fn vehicles(&self) -> usize {
-        self.source.vehicles(self.scenario)
+        self.vehicles
     }
 
     /// The most vehicles at once.
     pub fn most_vehicles(&self) -> usize {
-        self.source.most_vehicles(self.scenario)
+        match self.source {
+            MobilitySource::Grid | MobilitySource::Streets(_) => self.vehicles,
+            MobilitySource::Trace(_) => self.source.most_vehicles(self.scenario),
+        }
     }
 
     /// How many sub-channels the cell has.

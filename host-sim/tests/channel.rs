@@ -66,6 +66,80 @@ fn fast_fading_is_rayleigh_and_independent() {
 }
 
 #[test]
+fn fading_power_is_exponential_to_its_tails_and_new_in_every_slot() {
+    // Without shadowing or slope every mean is the same, and known: the budget less the loss at any distance.
+    let scenario = scenario(&[
+        "cell.vehicles=100",
+        "radio.shadowing_deviation_db=0",
+        "radio.path_loss_slope_db=0",
+    ]);
+    let radio = &scenario.radio;
+    let mean_db =
+        radio.budget_db() - radio.path_loss_intercept_db - 21.0 * libm::log10(radio.carrier_ghz / 2.0);
+    let source = MobilitySource::Grid;
+    let mut environment = Environment::new(&scenario, &source, 11, Purpose::Evaluation, 0..1000);
+    let silent = Decisions::new(environment.worlds(), environment.vehicles());
+    let mut slots: Vec<Vec<f64>> = Vec::new();
+    for _ in 0..10 {
+        let mut powers = Vec::new();
+        for world in 0..environment.worlds() {
+            for vehicle in 0..environment.vehicles() {
+                for n in 0..3 {
+                    let fading_db = f64::from(environment.gain_db(world, vehicle, n)) - mean_db;
+                    powers.push(libm::exp10(fading_db / 10.0));
+                }
+            }
+        }
+        slots.push(powers);
+        environment.step(&silent);
+    }
+    let count = slots[0].len() as f64;
+    // Kolmogorov-Smirnov: above 1.95 / sqrt(n) by chance once in a thousand.
+    let mut sorted = slots[0].clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let mut distance = 0.0_f64;
+    for (rank, power) in sorted.iter().enumerate() {
+        let expected = 1.0 - libm::exp(-power);
+        distance = distance.max((rank as f64 / count - expected).abs());
+        distance = distance.max(((rank + 1) as f64 / count - expected).abs());
+    }
+    assert!(distance * libm::sqrt(count) < 1.95, "{distance}");
+    // Three million powers in the tails: each count within four standard deviations of the binomial's mean.
+    let all = count * slots.len() as f64;
+    let tail = |name: &str, probability: f64, inside: &dyn Fn(f64) -> bool| {
+        let found = slots.iter().flatten().filter(|&&power| inside(power)).count() as f64;
+        let expected = all * probability;
+        let deviation = libm::sqrt(expected * (1.0 - probability));
+        assert!(
+            (found - expected).abs() < 4.0 * deviation,
+            "{name}: {found} of {expected}"
+        );
+    };
+    for limit in [1e-4, 1e-3, 1e-2] {
+        tail("weak", 1.0 - libm::exp(-limit), &|power| power < limit);
+    }
+    for limit in [5.0, 8.0, 10.0, 11.5] {
+        tail("strong", libm::exp(-limit), &|power| power > limit);
+    }
+    // A slot, a sub-channel, a vehicle and a world say nothing of the next: correlations have a deviation of 1 / sqrt(n).
+    let correlation = |pairs: &mut dyn Iterator<Item = (f64, f64)>| {
+        let (mut sum, mut pairs_count) = (0.0, 0.0);
+        for (a, b) in pairs {
+            sum += (a - 1.0) * (b - 1.0);
+            pairs_count += 1.0;
+        }
+        sum / libm::sqrt(pairs_count)
+    };
+    let next_slot = correlation(&mut slots[0].iter().copied().zip(slots[1].iter().copied()));
+    assert!(next_slot.abs() < 4.0, "next slot {next_slot}");
+    for (name, step) in [("sub-channel", 1), ("vehicle", 3), ("world", 300)] {
+        let (now, next) = (slots[0].iter().copied(), slots[0][step..].iter().copied());
+        let found = correlation(&mut now.zip(next));
+        assert!(found.abs() < 4.0, "next {name} {found}");
+    }
+}
+
+#[test]
 fn shadowing_decorrelates_over_its_distance() {
     // 10 m/s: 1 m an update, so 50 updates are the decorrelation distance, where the correlation is 1/e. Distance to the
     // base station hardly matters when the path loss has no slope.

@@ -130,7 +130,7 @@ fn figures_are_listed_and_there() {
     let arguments: Vec<&str> = small.into_iter().chain(folder.path().to_str()).collect();
     let object = json(&arguments);
     let files = object["files"].as_array().unwrap();
-    assert_eq!(files.len(), 7);
+    assert_eq!(files.len(), 10);
     assert!(
         files
             .iter()

@@ -1,6 +1,7 @@
 //! What the checks across crates share: the deployed image, an emulator to run it in, tables to run it with.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+pub mod browser;
 pub mod image;
 #[path = "../../firmware/tests/noise.rs"]
 pub mod noise;

@@ -11,6 +11,7 @@ pub mod evolution;
 pub mod export;
 pub mod laboratory;
 pub mod learning_curves;
+pub mod maddpg;
 pub mod network;
 pub mod onnx;
 pub mod ppo;

@@ -14,6 +14,8 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Updates per second of the paper's algorithm at the paper's sizes
+    Bench(command::bench::BenchArguments),
     /// Distil the AoI clock into a small int8 network
     Distil(command::distil::DistilArguments),
     /// Run a learning algorithm
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Err(code) => return code,
     };
     let outcome = match line.command {
+        Command::Bench(arguments) => command::bench::run(&arguments),
         Command::Distil(arguments) => command::distil::run(&arguments),
         Command::Train(arguments) => command::train::run(&arguments),
         Command::Study(arguments) => command::study::run(&arguments),

@@ -70,6 +70,7 @@ impl LoopArguments {
             }
             let map = self.street_map(net, &prepared)?;
             prepared.source = MobilitySource::Streets(Box::new(map));
+            prepared.source.check_places(&prepared.scenario)?;
         }
         Ok(prepared)
     }

@@ -75,21 +75,22 @@ impl MobilitySource {
         }
     }
 
-    /// Checks that a trace passes the base station.
+    /// Checks that the scenario replaces vehicles on the urban grid only, and that a trace passes the base station.
     ///
     /// # Errors
-    /// [`Error::Input`] if no vehicle ever comes within 10 km: the trace is then in other coordinates.
+    /// [`Error::Input`] if the first is not so, or no vehicle ever comes within 10 km: the trace is then in other
+    /// coordinates.
     pub fn check_places(&self, scenario: &Scenario) -> Result<()> {
-        let Self::Trace(trace) = self else { return Ok(()) };
         let probability = scenario.cell.replacement_probability;
-        if probability > 0.0 {
-            let expected = "0 with a trace, whose vehicles come and go by themselves";
+        if probability > 0.0 && !matches!(self, Self::Grid) {
+            let expected = "0 but on the urban grid";
             return Err(Error::input(
                 "cell.replacement_probability",
                 probability,
                 expected,
             ));
         }
+        let Self::Trace(trace) = self else { return Ok(()) };
         let (x_m, y_m) = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
         let mut cursor = trace.cursor();
         let mut nearest_m = f64::INFINITY;
@@ -173,11 +174,11 @@ impl<'s> Mobility<'s> {
         }
     }
 
-    /// Another vehicle takes a vehicle's index; its place. A trace has vehicles of its own, which nobody replaces.
+    /// Another vehicle takes a vehicle's index; its place. Only on the urban grid are vehicles replaced.
     pub fn replace(&mut self, vehicle: usize) -> Option<Place> {
         match self {
             Self::Grid(grid) => Some(grid.replace(vehicle)),
-            Self::Trace { .. } => None,
+            Self::Streets(_) | Self::Trace { .. } => None,
         }
     }
 

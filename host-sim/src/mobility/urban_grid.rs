@@ -71,6 +71,28 @@ impl<'s> UrbanGrid<'s> {
         }
     }
 
+    /// One more vehicle, on the lane nearest to a place, with a uniformly drawn speed; its index.
+    pub fn join(&mut self, x_m: f64, y_m: f64) -> usize {
+        let lanes = Heading::ALL.into_iter().flat_map(|heading| {
+            let (across, along) = if heading.along_y() { (x_m, y_m) } else { (y_m, x_m) };
+            let lanes = self.lanes[heading as usize].iter();
+            lanes.map(move |&lane| (heading, lane, along, (lane - across).abs()))
+        });
+        let nearest = lanes.min_by(|(.., a), (.., b)| a.total_cmp(b));
+        // A grid has a street along each side of its blocks.
+        let (heading, across_m, along_m, _) = nearest.unwrap_or((Heading::North, x_m, y_m, 0.0));
+        let scenario = self.scenario;
+        let (slowest, fastest) = (scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
+        self.vehicles.push(Vehicle {
+            heading,
+            across_m,
+            along_m: along_m.clamp(0.0, extent(scenario, heading)),
+            speed_m_per_s: self.stream.uniform_between(slowest, fastest),
+            moved_m: 0.0,
+        });
+        self.vehicles.len() - 1
+    }
+
     /// How many vehicles drive.
     pub fn vehicles(&self) -> usize {
         self.vehicles.len()

@@ -11,6 +11,7 @@ use firmware::units::Level;
 use serde::{Deserialize, Serialize};
 
 pub use keys::{KEYS, Key, nearest, nearest_key, section_meaning};
+#[cfg(not(target_family = "wasm"))]
 pub(crate) use layers::parse as parse_toml;
 pub use layers::{Preset, ScenarioSource};
 

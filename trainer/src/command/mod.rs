@@ -1,5 +1,6 @@
 //! The command line's sub-commands.
 
+pub mod bench;
 pub mod compare;
 pub mod distil;
 pub mod eval;

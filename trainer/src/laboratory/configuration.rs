@@ -5,6 +5,8 @@
 
 use super::learner::Learner;
 use crate::evolution::{Evolution, EvolutionLearner};
+use crate::maddpg::learner::MaddpgLearner;
+use crate::maddpg::options::Maddpg;
 use crate::ppo::{self, PpoLearner};
 use host_sim::error::{Error, Result};
 use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
@@ -20,6 +22,12 @@ use toml::{Table, Value};
 pub enum Preset {
     /// A search without gradients: a baseline, and the quickest run.
     Evolution,
+    /// The paper's modified MADDPG as printed: an update after every episode.
+    Paper,
+    /// The same with an update in every slot, as the authors' companion code has it.
+    Companion,
+    /// The modified MADDPG made to work with twenty vehicles.
+    Freshlane,
     /// On-policy learning from the cell alone, for every load.
     Ppo,
     /// The same from a distilled actor on.
@@ -32,6 +40,8 @@ pub enum Preset {
 pub enum Algorithm {
     /// Cross-entropy search over the actor's parameters.
     Evolution(Evolution),
+    /// The paper's algorithm and its family.
+    Maddpg(Maddpg),
     /// Proximal policy optimisation of one shared actor.
     Ppo(ppo::Recipe),
 }
@@ -61,6 +71,9 @@ impl Preset {
     const fn text(self) -> &'static str {
         match self {
             Self::Evolution => include_str!("../../presets/evolution.toml"),
+            Self::Paper => include_str!("../../presets/paper.toml"),
+            Self::Companion => include_str!("../../presets/companion.toml"),
+            Self::Freshlane => include_str!("../../presets/freshlane.toml"),
             Self::Ppo => include_str!("../../presets/ppo.toml"),
             Self::FineTune => include_str!("../../presets/fine-tune.toml"),
         }
@@ -69,7 +82,12 @@ impl Preset {
     /// The scenario that it starts from.
     const fn scenario(self) -> scenario::Preset {
         match self {
-            Self::Evolution | Self::Ppo | Self::FineTune => scenario::Preset::Paper,
+            Self::Evolution
+            | Self::Paper
+            | Self::Companion
+            | Self::Freshlane
+            | Self::Ppo
+            | Self::FineTune => scenario::Preset::Paper,
         }
     }
 
@@ -93,6 +111,7 @@ impl Algorithm {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Evolution(_) => "evolution",
+            Self::Maddpg(_) => "maddpg",
             Self::Ppo(_) => "ppo",
         }
     }
@@ -101,8 +120,9 @@ impl Algorithm {
     fn read(name: &str, section: Value) -> Result<Self> {
         match name {
             "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
+            "maddpg" => Ok(Self::Maddpg(parameters(name, section)?)),
             "ppo" => Ok(Self::Ppo(parameters(name, section)?)),
-            other => Err(Error::input("algorithm", other, "evolution or ppo")),
+            other => Err(Error::input("algorithm", other, "evolution, maddpg or ppo")),
         }
     }
 
@@ -110,6 +130,7 @@ impl Algorithm {
     fn check(&self, scenario: &Scenario) -> Result<()> {
         match self {
             Self::Evolution(evolution) => evolution.check(scenario),
+            Self::Maddpg(maddpg) => maddpg.check(scenario),
             Self::Ppo(recipe) => recipe.check(scenario),
         }
     }
@@ -166,6 +187,7 @@ impl Configuration {
                 evolution.clone(),
                 seed,
             ))),
+            Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgLearner::new(&self.scenario, maddpg, seed))),
             Algorithm::Ppo(recipe) => {
                 let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
                 Ok(Box::new(learner))

@@ -15,6 +15,9 @@ pub enum ObservationForm {
     /// The firmware's int8 encoding ([`Observation::encode`]) as floats: home sub-channel first, with the flag of the own
     /// turn. The clock's phase is thus offered; what to do with it is learned.
     Firmware,
+    /// The age as one-hot without any phase, the firmware's gains, their flags and interferences, and the private uniform: for
+    /// research on what the flag of the own turn is worth.
+    AgeOneHot,
     /// The paper's state: gain on every sub-channel, interference on every sub-channel in the slot before, age.
     Paper,
 }
@@ -27,6 +30,7 @@ impl ObservationForm {
     pub const fn length(self) -> usize {
         match self {
             Self::Firmware => INPUTS,
+            Self::AgeOneHot => ONE_HOT_AGES + FIRMWARE_LEVELS.len() + 1,
             Self::Paper => PAPER_INPUTS,
         }
     }
@@ -41,9 +45,28 @@ impl ObservationForm {
                 let encoded = Observation::new(measurement).encode(required_sinr);
                 inputs.copy_from_slice(&as_float(&encoded));
             }
+            Self::AgeOneHot => age_one_hot(measurement, required_sinr, inputs),
             Self::Paper => inputs.copy_from_slice(&paper(measurement)),
         }
     }
+}
+
+/// Ages that [`ObservationForm::AgeOneHot`] tells apart; older ones are alike (chosen: seven periods of twenty vehicles).
+const ONE_HOT_AGES: usize = 51;
+
+/// Indices of gains, their flags and interferences in [`Observation::encode`].
+const FIRMWARE_LEVELS: [usize; 9] = [5, 6, 7, 8, 9, 10, 17, 18, 19];
+
+fn age_one_hot(measurement: &Measurement, required_sinr: Level, inputs: &mut [f32]) {
+    let observation = Observation::new(measurement);
+    let encoded = as_float(&observation.encode(required_sinr));
+    let (ages, rest) = inputs.split_at_mut(ONE_HOT_AGES);
+    ages.fill(0.0);
+    ages[usize::from(observation.age().slots()).min(ONE_HOT_AGES) - 1] = 1.0;
+    for (input, index) in rest.iter_mut().zip(FIRMWARE_LEVELS) {
+        *input = encoded[index];
+    }
+    rest[FIRMWARE_LEVELS.len()] = observation.private_uniform() as f32 / 65_536.0;
 }
 
 /// Gains as (dB - 35) / 20, interference over noise in 40 dB, and age in its largest: each about -1 to 1, the scaling
@@ -62,6 +85,9 @@ fn paper(measurement: &Measurement) -> [f32; PAPER_INPUTS] {
     inputs
 }
 
+/// Outputs of [`OutputForm::SubChannels`].
+pub const SUB_CHANNEL_ACTIONS: usize = 1 + 2 * SUB_CHANNELS;
+
 /// What an actor's outputs mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "form", deny_unknown_fields)]
@@ -75,6 +101,12 @@ pub enum OutputForm {
         /// Standard deviation of the noise, in units of a and b.
         noise: f32,
     },
+    /// Scores of silence, of full power on each sub-channel, and of the lowest joiner level on each, home first. Greedy and
+    /// exploring as [`OutputForm::Actions`].
+    SubChannels {
+        /// Whether silence may be chosen.
+        silence: bool,
+    },
 }
 
 impl OutputForm {
@@ -83,6 +115,7 @@ impl OutputForm {
         match self {
             Self::Actions => ACTIONS,
             Self::SubChannelAndPower { .. } => 2,
+            Self::SubChannels { .. } => SUB_CHANNEL_ACTIONS,
         }
     }
 
@@ -107,6 +140,22 @@ impl OutputForm {
                     }
                 }
                 sub_channel_and_power(action, plan.max_power)
+            }
+            Self::SubChannels { silence } => {
+                let least = usize::from(!silence);
+                let score = |index: usize, explore: &mut Option<&mut Stream>| match explore {
+                    Some(stream) => outputs[index] - libm::logf(stream.exponential()),
+                    None => outputs[index],
+                };
+                let mut explore = explore;
+                let mut best = (least, score(least, &mut explore));
+                for index in least + 1..SUB_CHANNEL_ACTIONS {
+                    let score = score(index, &mut explore);
+                    if score > best.1 {
+                        best = (index, score);
+                    }
+                }
+                sub_channels(best.0, measurement, plan)
             }
         }
     }
@@ -137,6 +186,27 @@ pub fn sub_channel_and_power([sub_channel, power]: [f32; 2], max_power: Dbm) -> 
             power: Dbm::from_bits(bits.floor() as i16),
         },
         _ => Decision::Silent,
+    }
+}
+
+/// The decision of an action of [`OutputForm::SubChannels`]: 0 is silence, 1 to 3 full power on home and the sub-channels
+/// after it, 4 to 6 the lowest joiner level there.
+pub fn sub_channels(action: usize, measurement: &Measurement, plan: &PowerPlan) -> Decision {
+    let Some(sending) = action.checked_sub(1) else {
+        return Decision::Silent;
+    };
+    let index = (measurement.broadcast().home.index() + sending) % SUB_CHANNELS;
+    let aim = if sending < SUB_CHANNELS {
+        Level::MAX
+    } else {
+        plan.joiner_levels[0]
+    };
+    let gain = measurement.gain()[index];
+    let reduction = gain.to_bits().saturating_sub(aim.to_bits()).max(0);
+    let power = Dbm::from_bits(plan.max_power.to_bits().saturating_sub(reduction));
+    match SubChannel::new(index as u8) {
+        Some(sub_channel) => Decision::Transmit { sub_channel, power },
+        None => Decision::Silent,
     }
 }
 

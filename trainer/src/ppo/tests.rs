@@ -213,7 +213,12 @@ fn the_best_play_of_the_toy_is_found() {
         "ppo.minibatch=256",
     ]);
     let get = |name: &str, or: f32| std::env::var(name).map_or(or, |v| v.parse::<f32>().unwrap());
-    let (worlds, updates, rate, entropy) = (get("W", 64.0) as usize, get("U", 400.0) as u16, get("R", 1e-2), get("E", 2e-2));
+    let (worlds, updates, rate, entropy) = (
+        get("W", 64.0) as usize,
+        get("U", 400.0) as u16,
+        get("R", 1e-2),
+        get("E", 2e-2),
+    );
     for seed in 0..get("S", 5.0) as u64 {
         let mut stream = random::initial(seed, 0);
         let (actor, critic) = (

@@ -1,27 +1,27 @@
 //! The firmware's actor: it decides for a row of worlds at a time, with the bits of the firmware's library.
 //!
-//! The library is the specification: `observation` and `network` only do the same for many worlds side by side, and
-//! `tests/actor_parity.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so no state
-//! is kept; where a group can be too large for a broadcast, `units` decide.
+//! The library is the specification: `observation`, `network` and the power below only do the same for many worlds side by
+//! side, and `tests/environment.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so
+//! no state is kept. Where a group can be too large for a broadcast, `units` decide; so they do for a single world, which is
+//! less work than a row of which one lane counts.
 
 mod network;
 mod observation;
 mod units;
 
 use super::Policy;
-use crate::decisions::Decisions;
+use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
-use firmware::decision::{Action, Decision, PowerPlan};
-use firmware::observation::Observation;
+use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
 use firmware::table::Table;
-use firmware::units::Period;
+use firmware::units::{Level, Period};
 use network::LaneNetwork;
-use observation::Encoder;
+use observation::{Encoder, View};
 
 /// The actor in the way that fits the environment.
 pub fn build<'t>(environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {
-    if environment.most_vehicles() <= usize::from(Period::MAX) {
+    if environment.worlds() > 1 && environment.most_vehicles() <= usize::from(Period::MAX) {
         Box::new(LaneActor::new(table))
     } else {
         Box::new(units::Units::new(table, environment))
@@ -44,37 +44,61 @@ impl LaneActor {
             power_plan: *table.power_plan(),
         }
     }
-
-    /// What a vehicle does in every world of a block, as indices of [`Action::ALL`].
-    #[inline(always)]
-    fn act(&mut self, environment: &Environment<'_>, block: usize, vehicle: usize) -> Row<u8> {
-        self.encoder
-            .encode(environment, block, vehicle, self.network.inputs());
-        self.network.infer(environment.vectors())
-    }
 }
 
 impl Policy for LaneActor {
     fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let vectors = environment.vectors();
         for block in 0..environment.ages().blocks() {
-            let worlds = (environment.worlds() - block * LANES).min(LANES);
-            for &vehicle in environment.present() {
-                let actions = environment.vectors().run(
-                    #[inline(always)]
-                    || self.act(environment, block, vehicle),
-                );
-                for (lane, action) in actions.into_iter().enumerate().take(worlds) {
-                    if action == Action::Silent as u8 {
-                        continue;
+            self.encoder.hear(environment.base_station(), block);
+            vectors.run(
+                #[inline(always)]
+                || {
+                    for &vehicle in environment.present() {
+                        let view = self.encoder.view(environment, block, vehicle);
+                        self.encoder.encode(&view, self.network.inputs());
+                        let actions = self.network.infer(vectors);
+                        let (sub_channel, power) = decisions.rows_mut(block, vehicle);
+                        *sub_channel = sub_channels(&view, &actions);
+                        *power = powers(&self.power_plan, &view, &actions);
                     }
-                    let world = block * LANES + lane;
-                    let decision = environment.measurement(world, vehicle).map(|measurement| {
-                        let action = Action::ALL[usize::from(action)];
-                        self.power_plan.decision(action, &Observation::new(&measurement))
-                    });
-                    decisions.set(world, vehicle, decision.unwrap_or(Decision::Silent));
-                }
-            }
+                },
+            );
         }
     }
+}
+
+/// Home, or silence.
+#[inline(always)]
+fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
+    let mut chosen = [0; LANES];
+    for lane in 0..LANES {
+        let silent = i32::from(actions[lane] == Action::Silent as i32).wrapping_neg();
+        // All bits set.
+        const _: () = assert!(SILENT == u8::MAX);
+        chosen[lane] = (view.home[lane] | silent) as u8;
+    }
+    chosen
+}
+
+/// Powers in 1/256 dBm as [`PowerPlan::decision`] gives them.
+#[inline(always)]
+fn powers(plan: &PowerPlan, view: &View, actions: &Row<i32>) -> Row<i16> {
+    // No level is above the largest, so aiming there takes full power.
+    let mut aims = [i32::from(Level::MAX.to_bits()); LANES];
+    for joiner in 0..JOINER_LEVELS {
+        let level = i32::from(plan.joiner_levels[joiner].to_bits());
+        let action = Action::JOINERS[joiner] as i32;
+        for lane in 0..LANES {
+            let here = i32::from(actions[lane] == action).wrapping_neg();
+            aims[lane] = (here & level) | (!here & aims[lane]);
+        }
+    }
+    let max_power = i32::from(plan.max_power.to_bits());
+    let mut powers = [0; LANES];
+    for lane in 0..LANES {
+        let reduction = (view.gain[0][lane] - aims[lane]).clamp(0, i32::from(i16::MAX));
+        powers[lane] = (max_power - reduction).max(i32::from(i16::MIN)) as i16;
+    }
+    powers
 }

@@ -19,7 +19,7 @@ struct Quad {
 /// The network and the activations in work.
 #[derive(Clone, Debug)]
 pub struct LaneNetwork {
-    inputs: [Row<i8>; INPUTS],
+    inputs: [Row<i32>; INPUTS],
     /// `[layer][quad of rows]`.
     layers: Vec<Vec<Quad>>,
     outputs: usize,
@@ -43,7 +43,7 @@ impl LaneNetwork {
             stream
                 .chunks_exact(stream.len() / quads)
                 .zip(words(biases).chunks_exact(QUAD))
-                .map(|(quad, biases)| unpacked(quad, biases))
+                .map(|(quad, biases)| unpacked(quad, biases, geometry.inputs.div_ceil(2)))
                 .collect()
         });
         let layers = layers.collect();
@@ -58,18 +58,18 @@ impl LaneNetwork {
         }
     }
 
-    /// The encoded observations, to be written. `[input][world]`.
+    /// The encoded observations, to be written, each in the range of i8. `[input][world]`.
     #[inline(always)]
-    pub fn inputs(&mut self) -> &mut [Row<i8>; INPUTS] {
+    pub fn inputs(&mut self) -> &mut [Row<i32>; INPUTS] {
         &mut self.inputs
     }
 
-    /// The actions with the largest outputs; of equal ones the first.
+    /// The actions with the largest outputs as indices of `Action::ALL`; of equal ones the first.
     #[inline(always)]
-    pub fn infer(&mut self, vectors: Vectors) -> Row<u8> {
+    pub fn infer(&mut self, vectors: Vectors) -> Row<i32> {
         for (now, inputs) in self.now.iter_mut().zip(self.inputs.as_chunks::<2>().0) {
             for lane in 0..LANES {
-                now[lane] = pair(i32::from(inputs[0][lane]), i32::from(inputs[1][lane]));
+                now[lane] = pair(inputs[0][lane], inputs[1][lane]);
             }
         }
         let Some((output, hidden)) = self.layers.split_last() else {
@@ -98,7 +98,7 @@ impl LaneNetwork {
                 }
             }
         }
-        best.map(|best| best as u8)
+        best
     }
 }
 
@@ -123,8 +123,8 @@ impl Quad {
     }
 }
 
-/// Four rows from their quad in the stream, which [`firmware::table`] describes.
-fn unpacked(quad: &[u8], biases: &[i32]) -> Quad {
+/// Four rows from their quad in the stream, which [`firmware::table`] describes, without the columns that only fill blocks.
+fn unpacked(quad: &[u8], biases: &[i32], pairs: usize) -> Quad {
     let (halfwords, multipliers) = quad[16..].split_at(quad.len() - 32);
     let multipliers = words(multipliers);
     let halfwords = halfwords.as_chunks::<2>().0;
@@ -139,11 +139,10 @@ fn unpacked(quad: &[u8], biases: &[i32]) -> Quad {
             i16::from(halfword as i8)
         })
     };
-    let pairs = 0..halfwords.len() / 4;
     Quad {
         biases: std::array::from_fn(|row| biases[row]),
         multipliers: std::array::from_fn(|row| multipliers[row]),
-        weights: pairs
+        weights: (0..pairs)
             .map(|index| std::array::from_fn(|row| pair(weight(row, 2 * index), weight(row, 2 * index + 1))))
             .collect(),
     }

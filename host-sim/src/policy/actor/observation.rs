@@ -1,187 +1,304 @@
 //! Observations of a row of worlds at a time, encoded as [`firmware::observation::Observation::encode`] encodes one.
+//!
+//! The formulas are the firmware's, lane by lane; what it keeps in tables it is asked for once. The tests go through all
+//! ages, periods, differences of gains and joiner probabilities.
 
 use crate::base_station::BaseStation;
 use crate::environment::Environment;
-use crate::lanes::{LANES, Row, floor};
+use crate::lanes::{LANES, Row, Rows, floor, pair};
 use firmware::measurement::{Broadcast, Measurement};
 use firmware::observation::{INPUTS, ONE, Observation, STRONG};
-use firmware::units::{Age, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
-
-/// Inputs that follow from age and period.
-const TURN_INPUTS: usize = 5;
+use firmware::units::{JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
 
 /// Difference of two levels from which their share is constant, in 1/256 dB (40 dB).
 const SHARE_RANGE: i32 = 40 << 8;
 
-/// What the firmware's encoding gives for small domains, asked once, and the rest of it for rows.
+/// Spacing of the firmware's table of shares in 1/256 dB, as a power of two: 0.5 dB. Between its entries the share is a line.
+const SHARE_STEP_BITS: u32 = 7;
+
+/// Length of the table of shares: the power of two that holds all differences.
+const SHARES: usize = 128;
+
+const _: () = assert!((SHARE_RANGE >> SHARE_STEP_BITS) < SHARES as i32);
+
+/// What the vehicles of every group hear, in every world of a block. `[group][world]`.
 #[derive(Clone, Debug)]
-pub struct Encoder {
-    required: i32,
-    /// Inputs 0 to 4. `[period][age]`.
-    turns: Vec<[i8; TURN_INPUTS]>,
-    /// [`Observation::private_uniform`] by the difference of the two levels plus [`SHARE_RANGE`].
-    shares: Vec<u32>,
-    /// 65536 over the joiner probability in 256ths, rounded up, by its code.
-    reciprocals: Vec<u32>,
+struct Groups {
+    period: [Row<i32>; SUB_CHANNELS],
+    /// 65536 over the period, rounded up.
+    period_reciprocal: [Row<i32>; SUB_CHANNELS],
+    /// 65536 over the joiner probability in 256ths, rounded up.
+    joiner_reciprocal: [Row<i32>; SUB_CHANNELS],
 }
 
-/// The observation of made-up readings at home on sub-channel 0.
-fn observation(age: u8, period: Period, gain: [Level; SUB_CHANNELS]) -> Option<Observation> {
-    let slot = SlotIndex(u32::from(Age::MAX.slots()));
-    let broadcast = Broadcast {
-        home: SubChannel::new(0)?,
-        period,
-        joiner_probability: JoinerProbability::ONE,
-    };
-    let acknowledged = Some(SlotIndex(slot.0 - u32::from(age)));
-    let measurement = Measurement::new(slot, gain, [Level::ZERO; SUB_CHANNELS], acknowledged, broadcast);
-    measurement.ok().map(|measurement| Observation::new(&measurement))
+/// What one vehicle knows in every world of a block: many [`Observation`]s, with the home sub-channel first.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Index of the home sub-channel; none of theirs in a lane without a world.
+    pub home: Row<i32>,
+    /// Levels in 1/256 dB.
+    pub gain: [Row<i32>; SUB_CHANNELS],
+    interference: [Row<i32>; SUB_CHANNELS],
+    age: Row<i32>,
+    turn_lost_after: Row<i32>,
+    period: Row<i32>,
+    period_reciprocal: Row<i32>,
+    joiner_reciprocal: Row<i32>,
+}
+
+/// Encodes for networks of one required SINR.
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    /// In 1/256 dB.
+    required: i32,
+    /// The smaller part of two powers and what it loses in the next step, a [`pair`], by steps of difference.
+    shares: [i32; SHARES],
+    /// 65536 over the index, rounded up.
+    reciprocals: [i32; 257],
+    /// Of the block in work.
+    groups: Groups,
+}
+
+/// The smaller part of two powers that are this many steps of difference apart, in 1/65536.
+fn smaller_part(steps: usize) -> i32 {
+    let difference = SHARE_RANGE.min((steps << SHARE_STEP_BITS) as i32);
+    let gain = [Level::ZERO, Level::ZERO, Level::from_bits(difference as i16)];
+    let view = SubChannel::new(0).zip(Period::new(1)).and_then(|(home, period)| {
+        let broadcast = Broadcast {
+            home,
+            period,
+            joiner_probability: JoinerProbability::ONE,
+        };
+        let quiet = [Level::ZERO; SUB_CHANNELS];
+        let measurement = Measurement::new(SlotIndex(0), gain, quiet, None, broadcast);
+        measurement.ok().map(|measurement| Observation::new(&measurement))
+    });
+    let part = view.map_or(0, |view| view.private_uniform() as i32);
+    // At no difference it is half.
+    part.min(65_536 - part)
 }
 
 impl Encoder {
     /// For networks of this required SINR.
     pub fn new(required: Level) -> Self {
-        let quiet = [Level::ZERO; SUB_CHANNELS];
-        let ages = usize::from(Age::MAX.slots()) + 1;
-        let mut turns = vec![[0; TURN_INPUTS]; ages * (usize::from(Period::MAX) + 1)];
-        for period in (1..=Period::MAX).filter_map(Period::new) {
-            for age in 1..=Age::MAX.slots() {
-                let inputs = observation(age, period, quiet).map(|view| view.encode(required));
-                let place = usize::from(period.slots()) * ages + usize::from(age);
-                if let Some(inputs) = inputs {
-                    turns[place].copy_from_slice(&inputs[..TURN_INPUTS]);
-                }
-            }
-        }
-        let share = |difference: i32| {
-            let gain = [Level::ZERO, Level::from_bits(difference as i16), Level::ZERO];
-            let view = Period::new(1).and_then(|period| observation(1, period, gain));
-            view.map_or(0, |view| view.private_uniform())
+        let nothing = [[0; LANES]; SUB_CHANNELS];
+        let share = |steps| {
+            let part = smaller_part(steps);
+            pair(part, part - smaller_part(steps + 1))
         };
         Self {
             required: i32::from(required.to_bits()),
-            turns,
-            shares: (-SHARE_RANGE..=SHARE_RANGE).map(share).collect(),
-            reciprocals: (1..=256).map(|n| 65_536_u32.div_ceil(n)).collect(),
+            shares: std::array::from_fn(share),
+            reciprocals: std::array::from_fn(|n| 65_536_u32.div_ceil(n.max(1) as u32) as i32),
+            groups: Groups {
+                period: nothing,
+                period_reciprocal: nothing,
+                joiner_reciprocal: nothing,
+            },
         }
     }
 
-    /// A present vehicle's inputs in every world of a block. `[input][world]`.
-    #[inline(always)]
-    pub fn encode(
-        &self,
-        environment: &Environment<'_>,
-        block: usize,
-        vehicle: usize,
-        inputs: &mut [Row<i8>; INPUTS],
-    ) {
-        let station = environment.base_station();
-        let home = station.homes().row(block, vehicle).map(i32::from);
-        let gains: [Row<i32>; SUB_CHANNELS] = levels(environment.gains_db(), block, vehicle, &home);
-        let interferences = levels(environment.interferences_db(), block, vehicle, &home);
-        self.encode_turns(environment, station, block, vehicle, inputs);
-        let thinned = self.thinned(station, block, &home, &gains);
-        let mut strong = [false; LANES];
-        for (k, gain) in gains.iter().enumerate() {
+    /// Goes on with another block of worlds, or another slot.
+    pub fn hear(&mut self, station: &BaseStation, block: usize) {
+        for group in 0..SUB_CHANNELS {
+            let period = station.periods().row(block, group);
             for lane in 0..LANES {
-                inputs[5 + k][lane] = saturated(((gain[lane] * 819) >> 16) - 112);
-                inputs[8 + k][lane] = flag(gain[lane] >= self.required);
-                strong[lane] |= gain[lane] >= i32::from(STRONG.to_bits());
+                let joiner = usize::from(station.joiner_code(block * LANES + lane, group)) + 1;
+                self.groups.period[group][lane] = i32::from(period[lane]);
+                self.groups.period_reciprocal[group][lane] = self.reciprocals[usize::from(period[lane])];
+                self.groups.joiner_reciprocal[group][lane] = self.reciprocals[joiner];
             }
         }
+    }
+
+    /// What a present vehicle knows in every world of the block that was heard last.
+    #[inline(always)]
+    pub fn view(&self, environment: &Environment<'_>, block: usize, vehicle: usize) -> View {
+        let station = environment.base_station();
+        let home = station.homes().row(block, vehicle).map(i32::from);
+        View {
+            gain: levels(environment.gains_db(), block, vehicle, &home),
+            interference: levels(environment.interferences_db(), block, vehicle, &home),
+            age: environment.ages().row(block, vehicle).map(i32::from),
+            turn_lost_after: station.turns_lost_after().row(block, vehicle).map(i32::from),
+            period: of_home(&self.groups.period, &home, 0),
+            period_reciprocal: of_home(&self.groups.period_reciprocal, &home, 0),
+            joiner_reciprocal: of_home(&self.groups.joiner_reciprocal, &home, 0),
+            home,
+        }
+    }
+
+    /// The actor's inputs, each in the range of i8. `[input][world]`.
+    #[inline(always)]
+    pub fn encode(&self, view: &View, inputs: &mut [Row<i32>; INPUTS]) {
         for lane in 0..LANES {
-            inputs[11][lane] = flag(strong[lane]);
-            inputs[12][lane] = (thinned[lane] >> 10).min(80) as i8;
+            let (age, period) = (view.age[lane], view.period[lane]);
+            let periods = age * view.period_reciprocal[lane];
+            inputs[0][lane] = flag(age == (periods >> 16) * period);
+            inputs[1][lane] = flag(age > view.turn_lost_after[lane]);
+            inputs[2][lane] = flag(age > 3 * period);
+            inputs[3][lane] = (((periods >> 6) * 819) >> 16).min(64);
+            inputs[4][lane] = (period * 16 / 5).min(127);
+        }
+        let mut strong = [0; LANES];
+        for (k, gain) in view.gain.iter().enumerate() {
+            for lane in 0..LANES {
+                inputs[5 + k][lane] = (((gain[lane] * 819) >> 16) - 112).clamp(-128, 127);
+                inputs[8 + k][lane] = flag(gain[lane] >= self.required);
+                strong[lane] |= flag(gain[lane] >= i32::from(STRONG.to_bits()));
+            }
+        }
+        inputs[11] = strong;
+        let thinned = self.thinned(view);
+        for lane in 0..LANES {
+            inputs[12][lane] = (thinned[lane] >> 10).min(80);
         }
         for (input, limit) in inputs[13..17].iter_mut().zip([16_384, 32_768, 49_152, 65_536]) {
             for lane in 0..LANES {
                 input[lane] = flag(thinned[lane] < limit);
             }
         }
-        for (input, interference) in inputs[17..].iter_mut().zip(&interferences) {
+        for (input, interference) in inputs[17..].iter_mut().zip(&view.interference) {
             for lane in 0..LANES {
-                input[lane] = saturated((interference[lane] * 410) >> 16);
+                input[lane] = ((interference[lane] * 410) >> 16).clamp(-128, 127);
             }
         }
     }
 
+    /// [`Observation::thinned_uniform`].
     #[inline(always)]
-    fn encode_turns(
-        &self,
-        environment: &Environment<'_>,
-        station: &BaseStation,
-        block: usize,
-        vehicle: usize,
-        inputs: &mut [Row<i8>; INPUTS],
-    ) {
-        let ages = environment.ages().row(block, vehicle);
-        let home = station.homes().row(block, vehicle);
+    fn thinned(&self, view: &View) -> Row<i32> {
+        let [_, a, b] = &view.gain;
+        let (mut distance, mut shares) = ([0; LANES], [0; LANES]);
         for lane in 0..LANES {
-            let period = station
-                .periods()
-                .row(block, usize::from(home[lane]).min(SUB_CHANNELS - 1))[lane];
-            let place = usize::from(period) * (usize::from(Age::MAX.slots()) + 1) + usize::from(ages[lane]);
-            let turn = &self.turns[place];
-            for (input, &value) in inputs.iter_mut().zip(turn) {
-                input[lane] = value;
-            }
+            distance[lane] = (a[lane] - b[lane]).abs().min(SHARE_RANGE);
         }
-    }
-
-    /// [`Observation::thinned_uniform`], bounded to 17 bits, where it makes no difference any more.
-    #[inline(always)]
-    fn thinned(
-        &self,
-        station: &BaseStation,
-        block: usize,
-        home: &Row<i32>,
-        gains: &[Row<i32>; SUB_CHANNELS],
-    ) -> Row<u32> {
+        for lane in 0..LANES {
+            shares[lane] = self.shares[(distance[lane] >> SHARE_STEP_BITS) as usize % SHARES];
+        }
         let mut thinned = [0; LANES];
         for lane in 0..LANES {
-            let difference = (gains[1][lane] - gains[2][lane]).clamp(-SHARE_RANGE, SHARE_RANGE);
-            let share = self.shares[(difference + SHARE_RANGE) as usize];
-            let group = (home[lane] as usize).min(SUB_CHANNELS - 1);
-            let code = station.joiner_code(block * LANES + lane, group);
-            let quotient = (u64::from(share) * u64::from(self.reciprocals[usize::from(code)])) >> 8;
-            thinned[lane] = quotient.min(1 << 17) as u32;
+            let position = distance[lane] & ((1 << SHARE_STEP_BITS) - 1);
+            let smaller = (shares[lane] & 0xffff) - (((shares[lane] >> 16) * position) >> SHARE_STEP_BITS);
+            let below = i32::from(a[lane] < b[lane]).wrapping_neg();
+            let share = (below & smaller) | (!below & (65_536 - smaller));
+            // The product over 256, in two parts that stay within 32 bits.
+            let reciprocal = view.joiner_reciprocal[lane];
+            thinned[lane] = (share >> 8) * reciprocal + (((share & 0xff) * reciprocal) >> 8);
         }
         thinned
     }
 }
 
-/// Levels in 1/256 dB, the home sub-channel's first.
+/// Of three rows the one of each lane's home sub-channel, or the one that follows it at a distance.
 #[inline(always)]
-fn levels(
-    values_db: &crate::lanes::Rows<f32>,
-    block: usize,
-    vehicle: usize,
-    home: &Row<i32>,
-) -> [Row<i32>; SUB_CHANNELS] {
-    let mut levels = [[0; LANES]; SUB_CHANNELS];
-    for sub_channel in 0..SUB_CHANNELS {
-        let values_db = values_db.row(block, vehicle * SUB_CHANNELS + sub_channel);
-        let mut level = [0; LANES];
+fn of_home(rows: &[Row<i32>; SUB_CHANNELS], home: &Row<i32>, offset: usize) -> Row<i32> {
+    let mut chosen = [0; LANES];
+    for (sub_channel, row) in rows.iter().enumerate() {
+        let first = ((sub_channel + SUB_CHANNELS - offset) % SUB_CHANNELS) as i32;
         for lane in 0..LANES {
-            let steps = (values_db[lane] * 256.0).clamp(-32_768.0, 32_767.0);
-            level[lane] = floor(steps);
-        }
-        for (offset, levels) in levels.iter_mut().enumerate() {
-            let first = ((sub_channel + SUB_CHANNELS - offset) % SUB_CHANNELS) as i32;
-            for lane in 0..LANES {
-                levels[lane] |= i32::from(home[lane] == first).wrapping_neg() & level[lane];
-            }
+            chosen[lane] |= i32::from(home[lane] == first).wrapping_neg() & row[lane];
         }
     }
-    levels
+    chosen
+}
+
+/// Levels in 1/256 dB, the home sub-channel's first.
+#[inline(always)]
+fn levels(values_db: &Rows<f32>, block: usize, vehicle: usize, home: &Row<i32>) -> [Row<i32>; SUB_CHANNELS] {
+    let mut levels = [[0; LANES]; SUB_CHANNELS];
+    for (sub_channel, levels) in levels.iter_mut().enumerate() {
+        let values_db = values_db.row(block, vehicle * SUB_CHANNELS + sub_channel);
+        for lane in 0..LANES {
+            levels[lane] = floor((values_db[lane] * 256.0).clamp(-32_768.0, 32_767.0));
+        }
+    }
+    [
+        of_home(&levels, home, 0),
+        of_home(&levels, home, 1),
+        of_home(&levels, home, 2),
+    ]
 }
 
 #[inline(always)]
-fn flag(condition: bool) -> i8 {
-    i8::from(condition) * ONE
+fn flag(condition: bool) -> i32 {
+    i32::from(condition) * i32::from(ONE)
 }
 
-#[inline(always)]
-fn saturated(value: i32) -> i8 {
-    value.clamp(-128, 127) as i8
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::units::Age;
+
+    const REQUIRED: Level = Level::lit("8.45");
+
+    /// A level that is not below noise, made of any.
+    fn interference(level: i32) -> Level {
+        Level::from_bits(level.abs().min(i32::from(i16::MAX)) as i16)
+    }
+
+    /// Compares a row of observations of age, period, code of the joiner probability and gains, all at home on sub-channel 0.
+    fn compare(encoder: &Encoder, rows: &[(u8, u8, u8, [i32; SUB_CHANNELS])]) {
+        let nothing = [0; LANES];
+        let mut view = View {
+            home: nothing,
+            gain: [nothing; SUB_CHANNELS],
+            interference: [nothing; SUB_CHANNELS],
+            age: nothing,
+            turn_lost_after: nothing,
+            period: nothing,
+            period_reciprocal: nothing,
+            joiner_reciprocal: nothing,
+        };
+        let mut expected = Vec::new();
+        for (lane, &(age, period, code, levels)) in rows.iter().enumerate() {
+            let broadcast = Broadcast {
+                home: SubChannel::new(0).unwrap(),
+                period: Period::new(period).unwrap(),
+                joiner_probability: JoinerProbability::from_code(code),
+            };
+            for (k, level) in levels.into_iter().enumerate() {
+                view.gain[k][lane] = level;
+                view.interference[k][lane] = i32::from(interference(level).to_bits());
+            }
+            view.age[lane] = i32::from(age);
+            view.turn_lost_after[lane] = i32::from(firmware::observation::turn_lost_after(broadcast.period));
+            view.period[lane] = i32::from(period);
+            view.period_reciprocal[lane] = encoder.reciprocals[usize::from(period)];
+            view.joiner_reciprocal[lane] = encoder.reciprocals[usize::from(code) + 1];
+            let slot = SlotIndex(u32::from(Age::MAX.slots()));
+            let measurement = Measurement::new(
+                slot,
+                levels.map(|level| Level::from_bits(level as i16)),
+                levels.map(interference),
+                Some(SlotIndex(slot.0 - u32::from(age))),
+                broadcast,
+            );
+            expected.push(Observation::new(&measurement.unwrap()).encode(REQUIRED));
+        }
+        let mut inputs = [nothing; INPUTS];
+        encoder.encode(&view, &mut inputs);
+        for (lane, expected) in expected.iter().enumerate() {
+            let found = std::array::from_fn(|input| inputs[input][lane]);
+            assert_eq!(found, expected.map(i32::from), "{:?}", rows[lane]);
+        }
+    }
+
+    #[test]
+    fn every_age_period_level_and_share_is_encoded_as_the_firmware_does() {
+        let encoder = Encoder::new(REQUIRED);
+        let turns = (1..=100).flat_map(|age| (1..=100).map(move |period| (age, period, 255, [0; 3])));
+        let levels = (-32_768..=32_767).map(|level| (1, 1, 255, [level, level / 2, -level / 3]));
+        let differences = (-10_300..=10_300).map(|difference| (1, 1, difference as u8, [0, difference, 0]));
+        let probabilities =
+            (0..=255).flat_map(|code| (-81..=81).map(move |step| (1, 1, code, [0, 127 * step, -step])));
+        let rows: Vec<_> = turns
+            .chain(levels)
+            .chain(differences)
+            .chain(probabilities)
+            .collect();
+        for rows in rows.chunks(LANES) {
+            compare(&encoder, rows);
+        }
+    }
 }

@@ -1,0 +1,211 @@
+//! The page in a real browser: it runs the simulator's own code, and nothing that a visitor sets ends it.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
+
+use firmware::table::Table;
+use host_sim::age::AgeSummary;
+use host_sim::mobility::MobilitySource;
+use host_sim::policy::PolicyName;
+use host_sim::scenario::ScenarioSource;
+use host_sim::simulation::{Extent, Simulation};
+use std::path::Path;
+use system_tests::browser::{Page, serve};
+
+const SEED: u64 = 18_446_744_073_709_551_557;
+const WARMUP: u32 = 500;
+const SLOTS: u32 = 1000;
+
+fn open(link: &str) -> Page {
+    let address = serve(Path::new(env!("CARGO_MANIFEST_DIR")).join("../web/page"));
+    let page = Page::open(&format!("http://{address}/{link}"), (1280, 900));
+    page.wait_for("document.getElementById('cell').dataset.elapsed > 0");
+    page
+}
+
+/// What the command line runs for the page's world.
+fn command_line(policy: PolicyName) -> AgeSummary {
+    let scenario = ScenarioSource::default().read().unwrap();
+    let simulation = Simulation {
+        scenario: &scenario,
+        source: &MobilitySource::Grid,
+        extent: Extent {
+            seed: SEED,
+            worlds: 1,
+            slots: SLOTS,
+            warmup: WARMUP,
+        },
+    };
+    let table = Table::parse(firmware::tables::DISTILLED).unwrap();
+    simulation.run_policy(policy, &table, |_| ()).unwrap().0
+}
+
+fn mean_age_ms(page: &Page, run: usize) -> f64 {
+    let text = page.value(&format!(
+        "document.querySelector('data[data-run=\"{run}\"]').value"
+    ));
+    text.as_str().unwrap().parse().unwrap()
+}
+
+fn elapsed(page: &Page) -> u64 {
+    let text = page.value("document.getElementById('cell').dataset.elapsed");
+    text.as_str().unwrap().parse().unwrap()
+}
+
+fn assert_nothing_went_wrong(page: &Page) {
+    assert_eq!(
+        page.complaints(),
+        Vec::<String>::new(),
+        "the console is not empty"
+    );
+    let own = page.value("location.origin");
+    let foreign = |url: &String| !url.starts_with(own.as_str().unwrap()) && !url.starts_with("data:");
+    let foreign: Vec<_> = page.requests().into_iter().filter(foreign).collect();
+    assert_eq!(foreign, Vec::<String>::new(), "the page asks others");
+    assert!(page.requests().len() > 5, "{:?}", page.requests());
+}
+
+#[test]
+fn the_page_has_the_command_line_s_numbers_and_policies_take_over_while_it_runs() {
+    let until = WARMUP + SLOTS;
+    let page = open(&format!("#seed={SEED}&speed=9&until={until}"));
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed == {until}"
+    ));
+    page.wait_for("document.getElementById('cell').dataset.state === 'paused'");
+    let shown = [
+        PolicyName::Actor,
+        PolicyName::Central,
+        PolicyName::AgeThreshold,
+        PolicyName::Aloha,
+    ];
+    for (run, policy) in shown.into_iter().enumerate() {
+        let expected = command_line(policy).mean_ms;
+        assert_eq!(
+            mean_age_ms(&page, run).to_bits(),
+            expected.to_bits(),
+            "{}",
+            policy.name()
+        );
+    }
+    let actor = mean_age_ms(&page, 0);
+    assert!(actor < 5.0, "{actor} ms");
+
+    page.set("policy", "aloha");
+    let _ = page.value("document.getElementById('play').click()");
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed > {}",
+        until + 2 * WARMUP
+    ));
+    let aloha = mean_age_ms(&page, 0);
+    assert!(aloha > 2.0 * actor, "{actor} ms, then {aloha} ms");
+    assert_nothing_went_wrong(&page);
+}
+
+#[test]
+fn it_paints_at_once_and_stays_smooth() {
+    let page = open("#vehicles=20");
+    let paint = page.value("performance.getEntriesByName('first-contentful-paint')[0].startTime");
+    assert!(paint.as_f64().unwrap() < 2000.0, "first paint after {paint} ms");
+    // 30 frames a second, if the machine lets the browser.
+    let milliseconds = page.milliseconds_per_frame(60);
+    println!("first paint after {paint} ms, {milliseconds:.1} ms of processor time a frame");
+    assert!(
+        (0.1..1000.0 / 30.0).contains(&milliseconds),
+        "{milliseconds} ms a frame"
+    );
+    assert_nothing_went_wrong(&page);
+}
+
+#[test]
+fn vehicles_join_and_are_jammed_by_mouse_and_keyboard() {
+    let page = open("#speed=8");
+    let count = || {
+        page.value("document.querySelectorAll('#vehicle-rows tr').length")
+            .as_u64()
+            .unwrap()
+    };
+    let _ = page.value("document.getElementById('vehicle-table').open = true");
+    page.wait_for("document.querySelectorAll('#vehicle-rows tr').length === 20");
+
+    // The map's western border: a vehicle joins there, unless one is just under the pointer, which is then jammed.
+    let border = page.value(
+        "((box) => [box.left + 12, box.top + box.height / 2])(document.getElementById('map').getBoundingClientRect())",
+    );
+    page.click(border[0].as_f64().unwrap(), border[1].as_f64().unwrap());
+    let clicked = "document.querySelectorAll('#vehicle-rows tr').length > 20 || \
+        [...document.querySelectorAll('#vehicle-rows button')].some((button) => button.textContent === 'Free')";
+    page.wait_for(clicked);
+    let before = count();
+    page.press("a");
+    page.wait_for(&format!(
+        "document.querySelectorAll('#vehicle-rows tr').length === {}",
+        before + 1
+    ));
+
+    let _ = page.value("document.getElementById('map').focus()");
+    page.press("ArrowRight");
+    page.press("Enter");
+    let cell = |n: u32| format!("document.querySelector('#vehicle-rows tr td:nth-child({n})').textContent");
+    page.wait_for(&format!("{} === 'Free'", cell(5)));
+    page.wait_for(&format!("{} === '100 ms'", cell(2)));
+    page.press("Enter");
+    page.wait_for(&format!(
+        "{} === 'Jam' && Number.parseInt({}) < 50",
+        cell(5),
+        cell(2)
+    ));
+    page.press(" ");
+    page.wait_for("document.getElementById('cell').dataset.state === 'paused'");
+    let paused = elapsed(&page);
+    page.press("s");
+    page.wait_for(&format!(
+        "document.getElementById('cell').dataset.elapsed == {}",
+        paused + 1
+    ));
+    assert_nothing_went_wrong(&page);
+}
+
+#[test]
+fn any_setting_leaves_a_running_cell() {
+    let page = open("#policy=nonsense&vehicles=1000&c-min=x&seed=-1&speed=99&until=-5");
+    let message = || {
+        page.value("document.getElementById('message').textContent")
+            .as_str()
+            .unwrap()
+            .to_owned()
+    };
+    let runs = || {
+        let before = elapsed(&page);
+        page.wait_for(&format!(
+            "document.getElementById('cell').dataset.elapsed != {before}"
+        ));
+    };
+    runs();
+    page.set("seed", "1");
+    page.set("speed", "7");
+    for vehicles in ["1", "3", "72"] {
+        for c_min in ["1", "2.5", "3", "6"] {
+            page.set("vehicles", vehicles);
+            page.set("c-min", c_min);
+            runs();
+        }
+    }
+    page.set("c-min", "2");
+    for policy in PolicyName::ALL {
+        page.set("policy", policy.name());
+        runs();
+    }
+    page.set("policy", "actor");
+    assert!(
+        message().contains("radio.min_spectral_efficiency"),
+        "{}",
+        message()
+    );
+    page.set("seed", "many");
+    assert!(
+        message().contains("expected a whole number from 0 to 18446744073709551615"),
+        "{}",
+        message()
+    );
+    runs();
+    assert_nothing_went_wrong(&page);
+}

@@ -1,0 +1,92 @@
+//! `trainer bench`: how fast the paper's algorithm learns at the paper's sizes.
+
+use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+use crate::laboratory::learner::Learner as _;
+use crate::maddpg::learner::MaddpgLearner;
+use host_sim::command::options::thread_pool;
+use host_sim::error::{Error, Result};
+use host_sim::say;
+use serde_json::json;
+use std::time::{Duration, Instant};
+
+/// Options of `bench`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct BenchArguments {
+    /// Episodes of 100 slots and updates to time, after one that is not timed
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub episodes: u32,
+    /// Seed of the networks and worlds
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Worker threads; results do not depend on them [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The schedule of preset `companion`, with a replay that holds what is played here.
+const SETTINGS: [&str; 1] = ["maddpg.replay=10000"];
+
+/// Runs and reports.
+///
+/// # Errors
+/// Threads that cannot be started.
+pub fn run(arguments: &BenchArguments) -> Result<()> {
+    let pool = thread_pool(arguments.threads)?;
+    let source = ConfigurationSource {
+        preset: Preset::Companion,
+        file: None,
+        settings: SETTINGS.map(str::to_owned).to_vec(),
+    };
+    let configuration = source.read()?;
+    let Algorithm::Maddpg(options) = &configuration.algorithm else {
+        return Err(Error::input("preset", configuration.algorithm.name(), "maddpg"));
+    };
+    let vehicles = configuration.scenario.cell.vehicles;
+    let mut learner = MaddpgLearner::new(&configuration.scenario, options, arguments.seed);
+    let (total, times, updates) = pool.install(|| {
+        let _untimed = learner.advance();
+        let (before, first) = (learner.times(), learner.updates());
+        let start = Instant::now();
+        for _ in 0..arguments.episodes {
+            let _metrics = learner.advance();
+        }
+        let spent = learner.times();
+        let times = [
+            spent.learning - before.learning,
+            spent.environment - before.environment,
+        ];
+        (start.elapsed(), times, learner.updates() - first)
+    });
+    let [learning, environment] = times.map(|time: Duration| time.as_secs_f64());
+    let updates_per_second = updates as f64 / learning;
+    let slots_per_second = f64::from(arguments.episodes * options.slots) / total.as_secs_f64();
+    let environment_share = environment / total.as_secs_f64();
+    if arguments.json {
+        say!(
+            "{}",
+            json!({
+                "updates_per_second": updates_per_second,
+                "environment_share": environment_share,
+                "slots_per_second": slots_per_second,
+                "vehicles": vehicles,
+                "batch": options.batch,
+                "delay": options.delay,
+                "updates": updates,
+                "threads": pool.current_num_threads(),
+            })
+        );
+    } else {
+        say!(
+            "The paper's MADDPG, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
+             With one slot and one update after the other: {slots_per_second:.2} slots/s, of which the environment takes {:.2} %.",
+            options.batch,
+            options.delay,
+            pool.current_num_threads(),
+            100.0 * environment_share,
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,57 @@
+//! Computes the checksum of the sources that decide what the page's program does.
+
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What the program is made of, seen from the workspace. Commands, reports, traffic and the chip's tools are not in it.
+const SOURCES: &[&str] = &[
+    "firmware/src",
+    "host-sim/presets",
+    "host-sim/src/age.rs",
+    "host-sim/src/base_station.rs",
+    "host-sim/src/cell.rs",
+    "host-sim/src/channel",
+    "host-sim/src/churn.rs",
+    "host-sim/src/decisions.rs",
+    "host-sim/src/environment.rs",
+    "host-sim/src/error.rs",
+    "host-sim/src/lanes",
+    "host-sim/src/mobility",
+    "host-sim/src/policy",
+    "host-sim/src/radio.rs",
+    "host-sim/src/scenario",
+    "host-sim/src/stream.rs",
+    "web/src",
+];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let checksum = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
+    let mut digest = checksum.digest();
+    for source in SOURCES {
+        println!("cargo::rerun-if-changed=../{source}");
+        for path in files(&workspace.join(source))? {
+            digest.update(path.strip_prefix(&workspace)?.to_string_lossy().as_bytes());
+            digest.update(&fs::read(&path)?);
+        }
+    }
+    println!("cargo::rustc-env=FRESHLANE_SOURCES={:016x}", digest.finalize());
+    Ok(())
+}
+
+/// A file, or all files in a folder, in the order of their names.
+fn files(path: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let mut entries = fs::read_dir(path)?
+        .map(|entry| Ok(entry?.path()))
+        .collect::<Result<Vec<_>, std::io::Error>>()?;
+    entries.sort();
+    let mut found = Vec::new();
+    for entry in entries {
+        found.extend(files(&entry)?);
+    }
+    Ok(found)
+}

@@ -1,0 +1,90 @@
+// The simulation: a thin wrapper around the exported functions (web/src/exports.rs), one instance for each world.
+
+const text = { encoder: new TextEncoder(), decoder: new TextDecoder() };
+
+/** What the program refuses, in its own words. */
+export class Refusal extends Error {}
+
+/** Loads the program once; every world is a new instance of it. */
+export async function load(url) {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url}: the server answers ${response.status}`);
+  // Plain file servers may not know the media type that streaming compilation asks for.
+  return WebAssembly.compile(await response.arrayBuffer());
+}
+
+export class Cell {
+  #exports;
+
+  /** The world that `request` asks for (web/src/session.rs, `Request`), before its first slot. Throws a Refusal. */
+  constructor(module, request) {
+    this.#exports = new WebAssembly.Instance(module).exports;
+    this.about = JSON.parse(this.#ask(this.#exports.cell_open, JSON.stringify(request)));
+    this.runs = this.about.runs;
+  }
+
+  /** A new policy for the first run. Throws a Refusal. */
+  setPolicy(name) {
+    this.#ask(this.#exports.cell_set_policy, name);
+    this.runs = [name, ...this.runs.slice(1)];
+  }
+
+  advance(slots) { this.#exports.cell_advance(slots); }
+  jam(vehicle, on) { return Boolean(this.#exports.cell_jam(vehicle, on)); }
+  join(x, y) { return Boolean(this.#exports.cell_join(x, y)); }
+
+  get elapsed() { return this.#exports.cell_elapsed() >>> 0; }
+  get countFrom() { return this.#exports.cell_count_from() >>> 0; }
+  get bound() { return this.#exports.cell_bound_age_ms(); }
+
+  /** Every vehicle as of now. */
+  vehicles() {
+    const width = this.about.layout.vehicle_numbers, count = this.#exports.cell_vehicle_count();
+    const numbers = this.#view(Float32Array, this.#exports.cell_vehicles(), count * width);
+    return Array.from({ length: count }, (_, index) => {
+      const [x, y, age, subChannel, received, jammed] = numbers.subarray(index * width, (index + 1) * width);
+      return { index, x, y, age, subChannel, received: received > 0, jammed: jammed > 0 };
+    });
+  }
+
+  /** For every run: mean age, 99th percentile and receptions a slot; NaN until ages count. */
+  summaries() {
+    const width = this.about.layout.summary_numbers;
+    const numbers = this.#view(Float64Array, this.#exports.cell_summaries(), this.runs.length * width);
+    return this.runs.map((policy, run) => {
+      const [mean, p99, received] = numbers.subarray(run * width, (run + 1) * width);
+      return { policy, mean, p99, received };
+    });
+  }
+
+  /** Mean age after slot `slot` of a run, for the last slots. */
+  history(run) {
+    const length = this.about.layout.history_slots;
+    const ring = this.#view(Float32Array, this.#exports.cell_history_ms(run), length);
+    return (slot) => ring[slot % length];
+  }
+
+  /** How a sub-channel was used in a slot of the first run, for the last slots. */
+  occupancy() {
+    const { occupancy_slots: length, use_bytes: width, nobody } = this.about.layout;
+    const subChannels = this.about.scenario.radio.sub_channels;
+    const ring = this.#view(Uint8Array, this.#exports.cell_occupancy(), length * subChannels * width);
+    return (slot, subChannel) => {
+      const at = ((slot % length) * subChannels + subChannel) * width;
+      return { senders: ring[at], jammed: ring[at + 1], received: ring[at + 2] === nobody ? null : ring[at + 2] };
+    };
+  }
+
+  #ask(call, words) {
+    const bytes = text.encoder.encode(words);
+    this.#view(Uint8Array, this.#exports.cell_text(bytes.length), bytes.length).set(bytes);
+    const good = call();
+    const answer = this.#view(Uint8Array, this.#exports.cell_answer(), this.#exports.cell_answer_length());
+    const words_back = text.decoder.decode(answer);
+    if (!good) throw new Refusal(words_back);
+    return words_back;
+  }
+
+  // Memory may have moved with every call: a view is good until the next one.
+  #view(Type, address, length) { return new Type(this.#exports.memory.buffer, address >>> 0, length); }
+}

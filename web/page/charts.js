@@ -1,0 +1,115 @@
+// Mean ages over slots, and the use of the sub-channels slot by slot.
+
+import { grouped, paint, write } from "./canvas.js";
+import { LINES, USES, kindOfUse, colour, share } from "./colours.js";
+
+const SHOWN_SLOTS = 2000, SMOOTHED_SLOTS = 25;
+const AGE_TICKS = [1, 2, 5, 10, 20, 50, 100];
+
+/** `marks` are changes by hand: { slot, words }. */
+export function drawAges(canvas, cell, marks) {
+  const elapsed = cell.elapsed, first = Math.max(0, elapsed - SHOWN_SLOTS);
+  paint(canvas, (context, width, height) => {
+    const plot = { left: 48, right: width - 96, top: 8, bottom: height - 34 };
+    const x = (slot) => plot.left + ((slot - first) / SHOWN_SLOTS) * (plot.right - plot.left);
+    const y = (age) => plot.bottom - share(age) * (plot.bottom - plot.top);
+    drawAxes(context, plot, x, y, first);
+    drawMarks(context, plot, x, marks.filter(({ slot }) => slot > first));
+    const labels = [];
+    const bound = cell.bound;
+    line(context, [[plot.left, y(bound)], [x(elapsed), y(bound)]], colour("ink"), [1, 2], 1);
+    labels.push({ y: y(bound), words: "bound", colour: colour("ink") });
+    // The policy in charge comes last, on top of the others.
+    for (let run = cell.runs.length - 1; run >= 0; run -= 1) {
+      const name = run === 0 ? "chosen" : cell.runs[run];
+      const points = smoothed(cell.history(run), first, elapsed, (plot.right - plot.left) / SHOWN_SLOTS);
+      if (points.length === 0) continue;
+      line(context, points.map(([slot, age]) => [x(slot), y(age)]), colour(name), LINES[name].dash, LINES[name].width);
+      const weight = run === 0 ? 600 : "";
+      labels.push({ y: y(points.at(-1)[1]), words: cell.runs[run], colour: colour(name), weight });
+    }
+    drawLabels(context, labels, Math.min(x(elapsed), plot.right) + 7, plot);
+  });
+}
+
+/** Means of the last slots before each point; a point for every second pixel or so. */
+function smoothed(history, first, elapsed, pixelsPerSlot) {
+  const points = [], stride = Math.max(1, Math.round(2 / pixelsPerSlot));
+  for (let end = Math.ceil((first + 1) / stride) * stride; end <= elapsed; end += stride) {
+    const start = Math.max(0, end - SMOOTHED_SLOTS);
+    let sum = 0;
+    for (let slot = start; slot < end; slot += 1) sum += history(slot);
+    points.push([end, sum / (end - start)]);
+  }
+  return points;
+}
+
+function drawAxes(context, plot, x, y, first) {
+  for (const age of AGE_TICKS) {
+    line(context, [[plot.left, y(age)], [plot.right, y(age)]], colour("line"), [], 1);
+    const words = age === AGE_TICKS.at(-1) ? `${age} ms` : String(age);
+    write(context, words, plot.left - 6, y(age), { size: 11, align: "right", colour: colour("quiet") });
+  }
+  for (let slot = Math.ceil(first / 500) * 500; slot <= first + SHOWN_SLOTS; slot += 500) {
+    write(context, grouped(slot), x(slot), plot.bottom + 12, { size: 11, align: "center", colour: colour("quiet") });
+  }
+  const middle = (plot.left + plot.right) / 2;
+  write(context, "slot (ms)", middle, plot.bottom + 27, { size: 11, align: "center", colour: colour("quiet") });
+}
+
+function drawMarks(context, plot, x, marks) {
+  let row = 0;
+  for (const { slot, words } of marks) {
+    line(context, [[x(slot), plot.top], [x(slot), plot.bottom]], colour("quiet"), [4, 3], 1);
+    const align = x(slot) > (plot.left + plot.right) / 2 ? "right" : "left";
+    write(context, words, x(slot) + (align === "left" ? 5 : -5), plot.top + 8 + 14 * (row % 3), { size: 11, align, colour: colour("quiet") });
+    row += 1;
+  }
+}
+
+/** Names at the ends of their lines, pushed apart where they would touch. */
+function drawLabels(context, labels, x, plot) {
+  labels.sort((a, b) => a.y - b.y);
+  const gap = 13;
+  labels.forEach((label, i) => { if (i > 0) label.y = Math.max(label.y, labels[i - 1].y + gap); });
+  for (let i = labels.length - 1, most = plot.bottom + 4; i >= 0; i -= 1, most -= gap) labels[i].y = Math.min(labels[i].y, most);
+  for (const { words, y, colour, weight } of labels) write(context, words, x, y, { size: 12, colour, weight });
+}
+
+function line(context, points, colour, dash, width) {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.setLineDash(dash);
+  context.beginPath();
+  points.forEach((point, index) => (index === 0 ? context.moveTo(...point) : context.lineTo(...point)));
+  context.stroke();
+  context.setLineDash([]);
+}
+
+const SLOT_WIDTH = 15, ROW_GAP = 4;
+
+export function drawOccupancy(canvas, cell) {
+  const elapsed = cell.elapsed, use = cell.occupancy();
+  const subChannels = cell.about.scenario.radio.sub_channels;
+  paint(canvas, (context, width, height) => {
+    const left = 96, row = height / subChannels;
+    const shown = Math.min(Math.floor((width - left) / SLOT_WIDTH), cell.about.layout.occupancy_slots);
+    for (let n = 0; n < subChannels; n += 1) {
+      const floor = (n + 1) * row - ROW_GAP;
+      write(context, `sub-channel ${n + 1}`, 0, floor - row / 2 + ROW_GAP / 2, { size: 12, colour: colour("quiet") });
+      context.fillStyle = colour("line");
+      context.fillRect(left, floor, shown * SLOT_WIDTH, 1);
+      for (let back = 1; back <= Math.min(shown, elapsed); back += 1) {
+        const slot = use(elapsed - back, n), kind = kindOfUse(slot);
+        if (kind === null) continue;
+        const x = left + (shown - back) * SLOT_WIDTH, tall = (row - ROW_GAP) * USES[kind].height;
+        context.fillStyle = colour(kind);
+        context.fillRect(x, floor - tall, SLOT_WIDTH - 1, tall);
+        if (slot.received !== null) {
+          const words = { size: 9.5, align: "center", colour: colour("panel") };
+          write(context, String(slot.received), x + (SLOT_WIDTH - 1) / 2, floor - tall / 2 + 0.5, words);
+        }
+      }
+    }
+  });
+}
