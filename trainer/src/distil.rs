@@ -200,7 +200,11 @@ fn watch(
         key.purpose,
         key.world..key.world + 1,
     );
-    start_ages(&mut cell, &mut stream);
+    let homes: Vec<Option<usize>> = (0..cell.vehicles())
+        .map(|vehicle| cell.broadcast(0, vehicle))
+        .map(|broadcast| broadcast.map(|broadcast| broadcast.home.index()))
+        .collect();
+    start_ages(&homes, &mut stream, |vehicle, age| cell.set_age(0, vehicle, age));
     let mut samples = Samples::default();
     let mut decisions = Decisions::new(1, cell.vehicles());
     for _ in 0..recipe.slots {
@@ -226,17 +230,18 @@ fn watch(
     samples
 }
 
-/// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform.
-fn start_ages(cell: &mut Environment<'_>, stream: &mut Stream) {
+/// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform. `homes` says which group
+/// each vehicle is in.
+pub fn start_ages(homes: &[Option<usize>], stream: &mut Stream, mut set_age: impl FnMut(usize, Age)) {
     let kind = stream.uniform();
     if kind < 0.35 {
         return;
     }
     let uniform = |stream: &mut Stream| Age::after(1 + stream.below(u32::from(Age::MAX.slots())));
     let mut members: [Vec<usize>; SUB_CHANNELS] = Default::default();
-    for vehicle in 0..cell.vehicles() {
-        if let Some(measurement) = cell.measurement(0, vehicle) {
-            members[measurement.broadcast().home.index()].push(vehicle);
+    for (vehicle, home) in homes.iter().enumerate() {
+        if let Some(home) = home {
+            members[*home].push(vehicle);
         }
     }
     for group in &mut members {
@@ -248,13 +253,13 @@ fn start_ages(cell: &mut Environment<'_>, stream: &mut Stream) {
             } else {
                 Age::after(age)
             };
-            cell.set_age(0, vehicle, age);
+            set_age(vehicle, age);
         }
     }
 }
 
 /// Fisher and Yates.
-fn shuffle(values: &mut [usize], stream: &mut Stream) {
+pub fn shuffle(values: &mut [usize], stream: &mut Stream) {
     for last in (1..values.len()).rev() {
         values.swap(last, stream.below(last as u32 + 1) as usize);
     }

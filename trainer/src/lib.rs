@@ -14,6 +14,7 @@ pub mod learning_curves;
 pub mod maddpg;
 pub mod network;
 pub mod onnx;
+pub mod ppo;
 pub mod quantise;
 pub mod run_folder;
 pub mod study;

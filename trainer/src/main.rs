@@ -24,6 +24,8 @@ enum Command {
     Study(command::study::StudyArguments),
     /// Ages of a table, or of a training run, on held-out worlds
     Eval(command::eval::EvalArguments),
+    /// Whether a table beats other policies: differences on the same worlds, with their intervals
+    Compare(command::compare::CompareArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
     Export(command::export::ExportArguments),
     /// Completions for a shell, such as `source <(trainer completions bash)`
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Command::Train(arguments) => command::train::run(&arguments),
         Command::Study(arguments) => command::study::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
+        Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
         Command::Completions { shell } => host_sim::command::print_completions::<CommandLine>(shell),
     };

@@ -2,8 +2,9 @@
 //!
 //! Written out here, although libraries do this faster, because a shipped table must be reproducible to the byte from its
 //! seed on any machine: every sum below has one fixed order, nothing is fused, and transcendental functions are libm's.
-//! Inner loops run over a layer's outputs, so that they vectorise without changing a sum.
+//! Inner loops run over a layer's outputs, so that they vectorise, at whatever width the machine has, without changing a sum.
 
+use host_sim::lanes::Vectors;
 use host_sim::stream::Stream;
 use rayon::prelude::*;
 
@@ -46,6 +47,7 @@ impl Layer {
         (0..self.outputs).flat_map(column)
     }
 
+    #[inline(always)]
     fn forward(&self, input: &[f32], output: &mut [f32]) {
         output.copy_from_slice(&self.biases);
         for (&value, row) in input.iter().zip(self.weights.chunks_exact(self.outputs)) {
@@ -62,15 +64,20 @@ impl Layer {
     }
 }
 
-/// `target += factor * values`.
+/// `target += factor * values`. Flags and silent units make many factors 0, which change nothing.
+#[inline(always)]
 fn add_scaled(target: &mut [f32], factor: f32, values: &[f32]) {
+    if factor == 0.0 {
+        return;
+    }
     for (target, value) in target.iter_mut().zip(values) {
         *target += factor * value;
     }
 }
 
 /// Activations of one sample, `[layer][unit]`; index 0 is the input.
-struct Activations(Vec<Vec<f32>>);
+#[derive(Clone, Debug)]
+pub struct Activations(Vec<Vec<f32>>);
 
 impl Network {
     /// A network of these widths (inputs first) with uniform weights and biases in +-1/sqrt(inputs).
@@ -100,8 +107,17 @@ impl Network {
     /// The last layer's outputs.
     pub fn forward(&self, input: &[f32]) -> Vec<f32> {
         let mut activations = self.activations();
-        self.run(input, &mut activations);
+        let _ = self.forward_into(input, &mut activations);
         activations.0.pop().unwrap_or_default()
+    }
+
+    /// The last layer's outputs, computed in buffers that [`Network::activations`] made.
+    pub fn forward_into<'a>(&self, input: &[f32], activations: &'a mut Activations) -> &'a [f32] {
+        Vectors::widest().run(
+            #[inline(always)]
+            || self.run(input, activations),
+        );
+        activations.0.last().map_or(&[], Vec::as_slice)
     }
 
     /// The hidden activations' largest values over samples, by layer; the outputs come last.
@@ -109,7 +125,7 @@ impl Network {
         let mut largest = vec![0.0_f32; self.layers.len()];
         let mut activations = self.activations();
         for input in inputs {
-            self.run(input, &mut activations);
+            let _ = self.forward_into(input, &mut activations);
             for (largest, values) in largest.iter_mut().zip(&activations.0[1..]) {
                 *largest = values.iter().fold(*largest, |largest, &value| largest.max(value));
             }
@@ -117,10 +133,12 @@ impl Network {
         largest
     }
 
-    fn activations(&self) -> Activations {
+    /// Buffers for [`Network::forward_into`].
+    pub fn activations(&self) -> Activations {
         Activations(self.widths().into_iter().map(|width| vec![0.0; width]).collect())
     }
 
+    #[inline(always)]
     fn run(&self, input: &[f32], activations: &mut Activations) {
         activations.0[0].copy_from_slice(input);
         let last = self.layers.len() - 1;
@@ -135,24 +153,58 @@ impl Network {
 
     /// Mean cross entropy of samples against their classes, and its gradient.
     pub fn cross_entropy_gradient(&self, inputs: &[&[f32]], classes: &[u8]) -> (f32, Network) {
+        let ([loss], gradient) = self.gradient(inputs, |sample, outputs, error| {
+            [softmax_error(outputs, usize::from(classes[sample]), error)]
+        });
+        (loss, gradient)
+    }
+
+    /// Means over samples, and the gradient of a mean loss.
+    ///
+    /// `loss` gets a sample's index and the outputs, writes the slope of its loss against each output, and returns values of
+    /// which the means are wanted, such as the loss itself.
+    pub fn gradient<const MEANS: usize>(
+        &self,
+        inputs: &[&[f32]],
+        loss: impl Fn(usize, &[f32], &mut [f32]) -> [f32; MEANS] + Sync,
+    ) -> ([f32; MEANS], Network) {
         let transposed: Vec<Vec<f32>> = self.layers.iter().map(transpose).collect();
-        let partial: Vec<(f32, Network)> = inputs
+        let partial: Vec<([f32; MEANS], Network)> = inputs
             .par_chunks(CHUNK)
-            .zip(classes.par_chunks(CHUNK))
-            .map(|(inputs, classes)| self.chunk_gradient(&transposed, inputs, classes))
+            .enumerate()
+            .map(|(chunk, inputs)| {
+                let loss =
+                    |index, outputs: &[f32], error: &mut [f32]| loss(chunk * CHUNK + index, outputs, error);
+                Vectors::widest().run(
+                    #[inline(always)]
+                    || self.chunk_gradient(&transposed, inputs, loss),
+                )
+            })
             .collect();
         let scale = 1.0 / inputs.len() as f32;
-        let mut total = (0.0, self.zeros_like());
-        for (loss, gradient) in &partial {
-            total.0 += loss * scale;
-            for (total, layer) in total.1.layers.iter_mut().zip(&gradient.layers) {
+        let (mut means, mut total) = ([0.0; MEANS], self.zeros_like());
+        for (sums, gradient) in &partial {
+            add_scaled(&mut means, scale, sums);
+            for (total, layer) in total.layers.iter_mut().zip(&gradient.layers) {
                 total
                     .parameters_mut()
                     .zip(layer.parameters())
                     .for_each(|(total, value)| *total += value * scale);
             }
         }
-        total
+        (means, total)
+    }
+
+    /// Length of all parameters as one vector.
+    pub fn norm(&self) -> f64 {
+        let parameters = self.layers.iter().flat_map(Layer::parameters);
+        libm::sqrt(parameters.fold(0.0, |sum, &value| sum + f64::from(value) * f64::from(value)))
+    }
+
+    /// Multiplies all parameters.
+    pub fn scale(&mut self, factor: f32) {
+        let parameters = self.layers.iter_mut().flat_map(Layer::parameters_mut);
+        parameters.for_each(|value| *value *= factor);
     }
 
     fn zeros_like(&self) -> Network {
@@ -165,16 +217,23 @@ impl Network {
         }
     }
 
-    /// Summed loss and gradient of one chunk.
-    fn chunk_gradient(&self, transposed: &[Vec<f32>], inputs: &[&[f32]], classes: &[u8]) -> (f32, Network) {
+    /// Sums and summed gradient of one chunk.
+    #[inline(always)]
+    fn chunk_gradient<const MEANS: usize>(
+        &self,
+        transposed: &[Vec<f32>],
+        inputs: &[&[f32]],
+        loss: impl Fn(usize, &[f32], &mut [f32]) -> [f32; MEANS],
+    ) -> ([f32; MEANS], Network) {
         let mut gradient = self.zeros_like();
         let mut activations = self.activations();
         let mut errors = self.activations();
-        let mut loss = 0.0;
+        let mut sums = [0.0; MEANS];
         let last = self.layers.len();
-        for (input, &class) in inputs.iter().zip(classes) {
+        for (sample, input) in inputs.iter().enumerate() {
             self.run(input, &mut activations);
-            loss += softmax_error(&activations.0[last], usize::from(class), &mut errors.0[last]);
+            let values = loss(sample, &activations.0[last], &mut errors.0[last]);
+            add_scaled(&mut sums, 1.0, &values);
             for index in (0..last).rev() {
                 let (before, after) = errors.0.split_at_mut(index + 1);
                 let (error, layer) = (&after[0], &mut gradient.layers[index]);
@@ -199,7 +258,7 @@ impl Network {
                 }
             }
         }
-        (loss, gradient)
+        (sums, gradient)
     }
 }
 
@@ -227,10 +286,14 @@ fn softmax_error(outputs: &[f32], class: usize, error: &mut [f32]) -> f32 {
 }
 
 /// Adam (Kingma and Ba 2015) with beta 0.9 and 0.999.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
-    mean: Network,
-    square: Network,
-    decay: (f32, f32),
+    /// Running mean of the gradient.
+    pub mean: Network,
+    /// Running mean of its square.
+    pub square: Network,
+    /// Both betas to the power of the steps done.
+    pub decay: (f32, f32),
 }
 
 impl Adam {

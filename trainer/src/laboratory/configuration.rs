@@ -7,6 +7,7 @@ use super::learner::Learner;
 use crate::evolution::{Evolution, EvolutionLearner};
 use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Maddpg;
+use crate::ppo::{self, PpoLearner};
 use host_sim::error::{Error, Result};
 use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
 use host_sim::scenario::{self, Scenario};
@@ -27,6 +28,10 @@ pub enum Preset {
     Companion,
     /// The modified MADDPG made to work with twenty vehicles.
     Freshlane,
+    /// On-policy learning from the cell alone, for every load.
+    Ppo,
+    /// The same from a distilled actor on.
+    FineTune,
 }
 
 /// A learning algorithm and its parameters.
@@ -37,6 +42,8 @@ pub enum Algorithm {
     Evolution(Evolution),
     /// The paper's algorithm and its family.
     Maddpg(Maddpg),
+    /// Proximal policy optimisation of one shared actor.
+    Ppo(ppo::Recipe),
 }
 
 /// A checked configuration.
@@ -67,13 +74,20 @@ impl Preset {
             Self::Paper => include_str!("../../presets/paper.toml"),
             Self::Companion => include_str!("../../presets/companion.toml"),
             Self::Freshlane => include_str!("../../presets/freshlane.toml"),
+            Self::Ppo => include_str!("../../presets/ppo.toml"),
+            Self::FineTune => include_str!("../../presets/fine-tune.toml"),
         }
     }
 
     /// The scenario that it starts from.
     const fn scenario(self) -> scenario::Preset {
         match self {
-            Self::Evolution | Self::Paper | Self::Companion | Self::Freshlane => scenario::Preset::Paper,
+            Self::Evolution
+            | Self::Paper
+            | Self::Companion
+            | Self::Freshlane
+            | Self::Ppo
+            | Self::FineTune => scenario::Preset::Paper,
         }
     }
 
@@ -98,6 +112,7 @@ impl Algorithm {
         match self {
             Self::Evolution(_) => "evolution",
             Self::Maddpg(_) => "maddpg",
+            Self::Ppo(_) => "ppo",
         }
     }
 
@@ -106,7 +121,8 @@ impl Algorithm {
         match name {
             "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
             "maddpg" => Ok(Self::Maddpg(parameters(name, section)?)),
-            other => Err(Error::input("algorithm", other, "evolution or maddpg")),
+            "ppo" => Ok(Self::Ppo(parameters(name, section)?)),
+            other => Err(Error::input("algorithm", other, "evolution, maddpg or ppo")),
         }
     }
 
@@ -115,6 +131,7 @@ impl Algorithm {
         match self {
             Self::Evolution(evolution) => evolution.check(scenario),
             Self::Maddpg(maddpg) => maddpg.check(scenario),
+            Self::Ppo(recipe) => recipe.check(scenario),
         }
     }
 }
@@ -171,6 +188,10 @@ impl Configuration {
                 seed,
             ))),
             Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgLearner::new(&self.scenario, maddpg, seed))),
+            Algorithm::Ppo(recipe) => {
+                let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
+                Ok(Box::new(learner))
+            }
         }
     }
 }

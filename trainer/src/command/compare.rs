@@ -1,0 +1,99 @@
+//! `trainer compare`: whether a table beats other policies. On the same worlds the luck of places and fading cancels out, so
+//! that differences show which two separate means would hide.
+
+use crate::run_folder::RunFolder;
+use host_sim::age::AgeSummary;
+use host_sim::command::options::thread_pool;
+use host_sim::command::run::RunOptions;
+use host_sim::error::{Error, Result};
+use host_sim::policy::PolicyName;
+use host_sim::say;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Options of `compare`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct CompareArguments {
+    /// Folder of a training run whose table to judge
+    #[arg(long, value_name = "DIR", conflicts_with = "table")]
+    pub run: Option<PathBuf>,
+    /// Worlds, output, and the policies to compare the table with [default: clock].
+    #[command(flatten)]
+    pub options: RunOptions,
+}
+
+/// How much older or younger one policy's ages are than another's, over the same worlds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Mean over worlds.
+    pub mean_ms: f64,
+    /// Half the width of its 95 % interval; `None` for a single world.
+    pub ci95_ms: Option<f64>,
+}
+
+/// The ages of `judged` less those of `reference`, world by world.
+///
+/// # Errors
+/// If they are not of the same number of worlds.
+pub fn difference(judged: &AgeSummary, reference: &AgeSummary) -> Result<Difference> {
+    let (found, expected) = (judged.by_world_ms.len(), reference.by_world_ms.len());
+    if found != expected {
+        return Err(Error::input(
+            "worlds with vehicles",
+            found,
+            format!("{expected} as in the other run"),
+        ));
+    }
+    let pairs = judged.by_world_ms.iter().zip(&reference.by_world_ms);
+    let differences: Vec<f64> = pairs.map(|(judged, reference)| judged - reference).collect();
+    let (mean_ms, ci95_ms) = AgeSummary::mean_and_interval(&differences);
+    Ok(Difference { mean_ms, ci95_ms })
+}
+
+/// Runs and reports.
+///
+/// # Errors
+/// The first input that does not fit.
+pub fn run(arguments: &CompareArguments) -> Result<()> {
+    let mut options = arguments.options.clone();
+    if let Some(folder) = &arguments.run {
+        options.table = Some(RunFolder::new(folder).table());
+    }
+    if options.policy.is_empty() {
+        options.policy.push(PolicyName::Clock);
+    }
+    options.policy.push(PolicyName::Actor);
+    let prepared = options.prepare()?;
+    let pool = thread_pool(options.threads)?;
+    let results = pool.install(|| prepared.results(options.json))?;
+    let mut object = prepared.to_json(&results);
+    // The actor comes first in any list of policies.
+    let [actor, others @ ..] = results.as_slice() else {
+        return Err(Error::input("policies", "none", "at least one besides the actor"));
+    };
+    let mut differences = Vec::new();
+    for other in others {
+        let Difference { mean_ms, ci95_ms } = difference(&actor.ages, &other.ages)?;
+        differences.push(json!({
+            "policy": other.name,
+            "difference_ms": mean_ms,
+            "difference_ci95_ms": ci95_ms,
+            "ratio": actor.ages.mean_ms / other.ages.mean_ms,
+        }));
+        if !options.json {
+            let interval = ci95_ms.map_or_else(String::new, |half| format!(" +- {half:.4}"));
+            say!(
+                "actor {:.4} ms, {} {:.4} ms: difference {mean_ms:+.4}{interval} ms, ratio {:.4}",
+                actor.ages.mean_ms,
+                other.name,
+                other.ages.mean_ms,
+                actor.ages.mean_ms / other.ages.mean_ms
+            );
+        }
+    }
+    object["differences"] = json!(differences);
+    if options.json {
+        say!("{object}");
+    }
+    Ok(())
+}

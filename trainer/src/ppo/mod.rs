@@ -1,0 +1,21 @@
+//! Learning from the cell alone, on policy: proximal policy optimisation (Schulman et al. 2017) of one actor that all
+//! vehicles share, with a critic that sees the whole group (Yu et al., "The surprising effectiveness of PPO in cooperative
+//! multi-agent games", NeurIPS 2022).
+//!
+//! Nothing is imitated. The actor's input is the firmware's encoding, which already says whether the age is a multiple of the
+//! broadcast period; what to do with it is learned. Every sum has a fixed order, so that a seed gives the same network to
+//! the last bit on any machine and any number of threads.
+
+pub mod advantage;
+pub mod cell;
+pub mod central;
+pub mod learner;
+pub mod loss;
+pub mod optimiser;
+mod recipe;
+pub mod rollout;
+#[cfg(test)]
+mod tests;
+
+pub use learner::PpoLearner;
+pub use recipe::Recipe;
