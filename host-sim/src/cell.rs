@@ -7,7 +7,7 @@ use crate::radio::SlotOutcome;
 use crate::scenario::Scenario;
 use crate::stream::WorldKey;
 use firmware::decision::Decision;
-use firmware::measurement::Measurement;
+use firmware::measurement::{Broadcast, Measurement};
 use firmware::units::{Age, Level, SUB_CHANNELS, SlotIndex};
 
 /// Index of a world's first slot: every start age then has a slot in which the vehicle was last received.
@@ -106,6 +106,16 @@ impl<'s> Cell<'s> {
     /// A vehicle's true gain on every sub-channel, in dB over noise at full power.
     pub fn gain_db(&self, vehicle: usize) -> &[f32; SUB_CHANNELS] {
         self.channel.gain_db(vehicle)
+    }
+
+    /// Noise plus others' power on every sub-channel in the slot before, in dB over noise.
+    pub fn interference_db(&self, vehicle: usize) -> &[f32; SUB_CHANNELS] {
+        &self.interference_db[vehicle]
+    }
+
+    /// What a present vehicle hears from the base station.
+    pub fn broadcast(&self, vehicle: usize) -> Option<Broadcast> {
+        self.base_station.broadcast(vehicle)
     }
 
     /// What a present vehicle's modem measures. `None` if the base station cannot serve the vehicle's group (more than 100

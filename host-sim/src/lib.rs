@@ -15,6 +15,7 @@ pub mod channel;
 pub mod closed_loop;
 pub mod command;
 pub mod deadline;
+pub mod environment;
 pub mod error;
 pub mod hil;
 pub mod mobility;
