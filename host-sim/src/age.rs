@@ -1,5 +1,6 @@
 //! Statistics of ages over slots, vehicles and worlds.
 
+use crate::lanes::{LANES, Row, Rows, Vectors};
 use firmware::units::Age;
 
 /// Slots at the start whose mean age is reported as `first100`.
@@ -13,7 +14,6 @@ const AGES: usize = Age::MAX.slots() as usize + 1;
 /// Ages of one world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldAges {
-    warmup: u32,
     /// Vehicle-slots after warm-up by age.
     histogram: [u64; AGES],
     /// By slot from the start.
@@ -32,11 +32,6 @@ pub struct Mean {
 }
 
 impl Mean {
-    fn add(&mut self, value: u8) {
-        self.sum += u64::from(value);
-        self.count += 1;
-    }
-
     fn merge(&mut self, other: &Self) {
         self.sum += other.sum;
         self.count += other.count;
@@ -54,46 +49,124 @@ impl Mean {
 }
 
 impl WorldAges {
-    /// Nothing yet; slots before `warmup` count for the cold start only.
-    pub fn new(warmup: u32, vehicles: usize) -> Self {
-        Self {
-            warmup,
-            histogram: [0; AGES],
-            start: Vec::new(),
-            by_vehicle: vec![Mean::default(); vehicles],
-            successes: 0,
-            slots: 0,
-        }
-    }
-
-    /// Takes in one slot's ages after its transmissions.
-    pub fn record(&mut self, slot: u32, ages: impl Iterator<Item = (usize, Age)>, successes: usize) {
-        let warm = slot >= self.warmup;
-        let mut start = (self.start.len() < START_CURVE_SLOTS).then(Mean::default);
-        if start.is_none() && !warm {
-            return;
-        }
-        for (vehicle, age) in ages {
-            if let Some(mean) = &mut start {
-                mean.add(age.slots());
-            }
-            if warm {
-                self.histogram[usize::from(age.slots())] += 1;
-                self.by_vehicle[vehicle].add(age.slots());
-            }
-        }
-        self.start.extend(start);
-        if warm {
-            self.slots += 1;
-            self.successes += successes as u64;
-        }
-    }
-
     /// Mean over vehicles and slots after warm-up.
     pub fn mean(&self) -> Option<f64> {
         let mut total = Mean::default();
         self.by_vehicle.iter().for_each(|mean| total.merge(mean));
         total.value()
+    }
+}
+
+/// Counts the ages of a batch of worlds.
+#[derive(Clone, Debug)]
+pub struct AgeCounter {
+    warmup: u32,
+    worlds: usize,
+    /// Vehicle-slots after warm-up. `[age][world]`.
+    histogram: Rows<u64>,
+    /// Sum over vehicles. `[slot from the start][world]`.
+    start: Rows<u32>,
+    /// Vehicles in each slot from the start.
+    start_counts: Vec<u64>,
+    /// Sum over slots after warm-up. `[vehicle][world]`.
+    by_vehicle: Rows<u32>,
+    /// Slots after warm-up in which a vehicle was present.
+    presence: Vec<u64>,
+    /// Received transmissions after warm-up. One item.
+    successes: Rows<u32>,
+    slots: u64,
+}
+
+impl AgeCounter {
+    /// Nothing yet; slots before `warmup` count for the cold start only.
+    pub fn new(warmup: u32, worlds: usize, vehicles: usize) -> Self {
+        Self {
+            warmup,
+            worlds,
+            histogram: Rows::new(worlds, AGES, 0),
+            start: Rows::new(worlds, START_CURVE_SLOTS, 0),
+            start_counts: Vec::with_capacity(START_CURVE_SLOTS),
+            by_vehicle: Rows::new(worlds, vehicles, 0),
+            presence: vec![0; vehicles],
+            successes: Rows::new(worlds, 1, 0),
+            slots: 0,
+        }
+    }
+
+    /// Takes in one slot's ages after its transmissions, `[vehicle][world]`, and how many of these succeeded, one item.
+    pub fn record(
+        &mut self,
+        vectors: Vectors,
+        slot: u32,
+        present: &[usize],
+        ages: &Rows<u8>,
+        successes: &Rows<u16>,
+    ) {
+        let warm = slot >= self.warmup;
+        let start = self.start_counts.len();
+        let starting = start < START_CURVE_SLOTS;
+        for block in 0..ages.blocks() {
+            vectors.run(
+                #[inline(always)]
+                || {
+                    if starting {
+                        let sums = self.start.row_mut(block, start);
+                        for &vehicle in present {
+                            add(sums, ages.row(block, vehicle));
+                        }
+                    }
+                    if warm {
+                        for &vehicle in present {
+                            add(self.by_vehicle.row_mut(block, vehicle), ages.row(block, vehicle));
+                        }
+                        add(self.successes.row_mut(block, 0), successes.row(block, 0));
+                    }
+                },
+            );
+            if warm {
+                for &vehicle in present {
+                    for (lane, &age) in ages.row(block, vehicle).iter().enumerate() {
+                        self.histogram.row_mut(block, usize::from(age))[lane] += 1;
+                    }
+                }
+            }
+        }
+        if starting {
+            self.start_counts.push(present.len() as u64);
+        }
+        if warm {
+            self.slots += 1;
+            present.iter().for_each(|&vehicle| self.presence[vehicle] += 1);
+        }
+    }
+
+    /// What was counted in each world.
+    pub fn worlds(&self) -> Vec<WorldAges> {
+        let mean = |sum: u32, count: u64| Mean {
+            sum: u64::from(sum),
+            count,
+        };
+        let world = |world| WorldAges {
+            histogram: std::array::from_fn(|age| self.histogram.get(world, age)),
+            start: (0..)
+                .zip(&self.start_counts)
+                .map(|(slot, &count)| mean(self.start.get(world, slot), count))
+                .collect(),
+            by_vehicle: (0..)
+                .zip(&self.presence)
+                .map(|(vehicle, &count)| mean(self.by_vehicle.get(world, vehicle), count))
+                .collect(),
+            successes: u64::from(self.successes.get(world, 0)),
+            slots: self.slots,
+        };
+        (0..self.worlds).map(world).collect()
+    }
+}
+
+#[inline(always)]
+fn add<T: Copy + Into<u32>>(sums: &mut Row<u32>, values: &Row<T>) {
+    for lane in 0..LANES {
+        sums[lane] += values[lane].into();
     }
 }
 
@@ -255,13 +328,14 @@ mod tests {
 
     #[test]
     fn summary_of_known_ages() {
-        let worlds: Vec<_> = [1_u32, 3]
-            .map(|first| {
-                let mut world = WorldAges::new(2, 1);
-                (0..4).for_each(|slot| world.record(slot, [(0, Age::after(first + slot))].into_iter(), 1));
-                world
-            })
-            .into();
+        let mut counter = AgeCounter::new(2, 2, 1);
+        for slot in 0..4 {
+            let mut ages = Rows::new(2, 1, 0);
+            ages.set(0, 0, 1 + slot as u8);
+            ages.set(1, 0, 3 + slot as u8);
+            counter.record(Vectors::widest(), slot, &[0], &ages, &Rows::new(2, 1, 1));
+        }
+        let worlds = counter.worlds();
         let summary = AgeSummary::new(&worlds).unwrap();
         assert_eq!(summary.mean_ms, 4.5); // (3 + 4) / 2 and (5 + 6) / 2
         assert_eq!(summary.median_world_ms, 4.5);
@@ -270,7 +344,7 @@ mod tests {
         assert_eq!(summary.success_per_slot, 1.0);
         assert_eq!(summary.by_vehicle[0].count(), 4);
         assert!((summary.ci95_ms.unwrap() - 12.706).abs() < 1e-12); // standard error 1
-        assert_eq!(AgeSummary::new(&[WorldAges::new(5, 1)]), None);
+        assert_eq!(AgeSummary::new(&AgeCounter::new(5, 1, 1).worlds()), None);
     }
 
     #[test]

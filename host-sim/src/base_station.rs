@@ -1,114 +1,219 @@
 //! What the base station does besides listening: it puts vehicles into groups and broadcasts periods and joiner
 //! probabilities, from what it knows and with its delay.
 
+use crate::lanes::{LANES, Row, Rows, Vectors};
 use crate::scenario::BroadcastScenario;
 use firmware::measurement::Broadcast;
 use firmware::observation::turn_lost_after;
 use firmware::units::{JoinerProbability, Period, SUB_CHANNELS, SubChannel};
 use std::collections::VecDeque;
 
-/// Groups and broadcasts of one cell.
+/// The group of a vehicle that has none.
+const NO_GROUP: u8 = u8::MAX;
+
+/// Groups and broadcasts of a batch of worlds. There is a group for every sub-channel.
 #[derive(Clone, Debug)]
 pub struct BaseStation {
-    scenario: BroadcastScenario,
-    /// Group of every present vehicle.
-    group: Vec<Option<SubChannel>>,
-    groups: [Group; SUB_CHANNELS],
-}
-
-#[derive(Clone, Debug, Default)]
-struct Group {
-    members: u32,
-    /// Sizes of the last slots, newest last: a decrease is announced late.
-    sizes: VecDeque<u32>,
-    /// Joiner counts of the last slots, newest last.
-    joiners: VecDeque<u32>,
-    announced: u32,
+    shrink_delay_slots: u32,
+    /// Code of the joiner probability by the number of joiners.
+    codes: Vec<u8>,
+    /// Group of every vehicle. `[vehicle][world]`.
+    home: Rows<u8>,
+    /// `[group][world]`.
+    members: Rows<u16>,
+    /// Sizes of the past that still count, each with the last slot in which it held: a decrease is announced late.
+    past: VecDeque<(u32, Rows<u16>)>,
+    /// Buffers of forgotten sizes.
+    spare: Vec<Rows<u16>>,
+    /// Whether the sizes that count have changed since the periods were made.
+    changed: bool,
+    /// The announced period; 0 for a group that is too large. `[group][world]`.
+    period: Rows<u8>,
+    /// Age up to which each vehicle keeps its turn. `[vehicle][world]`.
+    turn_lost_after: Rows<u8>,
+    /// Joiner counts of the last slots. `[slot modulo the ring's length]`, of `[group][world]`.
+    joiners: Vec<Rows<u16>>,
+    /// The counts that vehicles now hear of.
+    heard: usize,
+    slot: u32,
 }
 
 impl BaseStation {
     /// A base station for `vehicles` vehicles, of which none is associated yet.
-    pub fn new(scenario: &BroadcastScenario, vehicles: usize) -> Self {
+    pub fn new(scenario: &BroadcastScenario, worlds: usize, vehicles: usize, sub_channels: usize) -> Self {
+        let code = |joiners: usize| {
+            let probability = (scenario.joiner_load / joiners.max(1) as f64).min(1.0);
+            let code = (probability * 256.0).round().max(1.0) as u16 - 1;
+            code.min(255) as u8
+        };
+        let counts = Rows::new(worlds, sub_channels, 0);
         Self {
-            scenario: scenario.clone(),
-            group: vec![None; vehicles],
-            groups: Default::default(),
+            shrink_delay_slots: scenario.shrink_delay_slots,
+            codes: (0..=vehicles).map(code).collect(),
+            home: Rows::new(worlds, vehicles, NO_GROUP),
+            members: counts.clone(),
+            past: VecDeque::new(),
+            spare: Vec::new(),
+            changed: true,
+            period: Rows::new(worlds, sub_channels, 0),
+            turn_lost_after: Rows::new(worlds, vehicles, 0),
+            joiners: vec![counts; scenario.joiner_count_delay_slots as usize + 1],
+            heard: 0,
+            slot: 0,
         }
     }
 
-    /// Associates the vehicles of `arrivals` and lets go those of `departures`. Vehicles that arrive together are dealt in
-    /// ascending large-scale gain, each to the smallest group, so that weak vehicles spread over all groups.
+    fn groups(&self) -> usize {
+        self.members.as_flat().len() / (self.members.blocks() * LANES)
+    }
+
+    /// Associates the vehicles of `arrivals` in all worlds and lets go those of `departures`. Vehicles that arrive together are
+    /// dealt in ascending large-scale gain, each to the smallest group, so that weak vehicles spread over all groups.
     pub fn update(
         &mut self,
+        worlds: usize,
         arrivals: &mut [usize],
         departures: &[usize],
-        large_scale_db: impl Fn(usize) -> f32,
+        large_scale_db: &Rows<f32>,
     ) {
-        for &vehicle in departures {
-            if let Some(group) = self.group[vehicle].take() {
-                self.groups[group.index()].members -= 1;
-            }
+        if arrivals.is_empty() && departures.is_empty() {
+            return;
         }
-        arrivals.sort_by(|&a, &b| large_scale_db(a).total_cmp(&large_scale_db(b)).then(a.cmp(&b)));
-        for &vehicle in arrivals.iter() {
-            let smallest = (0..SUB_CHANNELS as u8)
-                .filter_map(SubChannel::new)
-                .min_by_key(|group| self.groups[group.index()].members);
-            if let Some(group) = smallest {
-                self.group[vehicle] = Some(group);
-                self.groups[group.index()].members += 1;
+        if self.slot > 0 {
+            let mut before = self.spare.pop().unwrap_or_else(|| self.members.clone());
+            before.as_flat_mut().copy_from_slice(self.members.as_flat());
+            self.past.push_back((self.slot - 1, before));
+        }
+        self.changed = true;
+        let groups = self.groups();
+        for world in 0..worlds {
+            for &vehicle in departures {
+                let group = usize::from(self.home.get(world, vehicle));
+                if group < groups {
+                    let members = self.members.get(world, group);
+                    self.members.set(world, group, members - 1);
+                }
+                self.home.set(world, vehicle, NO_GROUP);
+            }
+            let gain_db = |vehicle| large_scale_db.get(world, vehicle);
+            arrivals.sort_unstable_by(|&a, &b| gain_db(a).total_cmp(&gain_db(b)).then(a.cmp(&b)));
+            for &vehicle in arrivals.iter() {
+                let smallest = (0..groups).min_by_key(|&group| self.members.get(world, group));
+                if let Some(group) = smallest {
+                    self.home.set(world, vehicle, group as u8);
+                    let members = self.members.get(world, group);
+                    self.members.set(world, group, members + 1);
+                }
             }
         }
     }
 
-    /// Prepares the next slot's broadcasts. `age_slots` is every present vehicle's age as the base station knows it.
-    pub fn prepare(&mut self, present: &[usize], age_slots: impl Fn(usize) -> u8) {
-        let shrink_delay = self.scenario.shrink_delay_slots as usize;
-        for group in &mut self.groups {
-            group.sizes.push_back(group.members);
-            if group.sizes.len() > shrink_delay + 1 {
-                let _ = group.sizes.pop_front();
-            }
-            group.announced = group.sizes.iter().copied().max().unwrap_or(group.members);
+    /// Prepares the next slot's broadcasts. `ages` are the present vehicles' as the base station knows them.
+    pub fn prepare(&mut self, vectors: Vectors, present: &[usize], ages: &Rows<u8>) {
+        while let Some((last_slot, _)) = self.past.front()
+            && self.slot - last_slot > self.shrink_delay_slots
+        {
+            self.spare.extend(self.past.pop_front().map(|(_, sizes)| sizes));
+            self.changed = true;
         }
-        let mut joiners = [0; SUB_CHANNELS];
+        if self.changed {
+            self.announce(present);
+            self.changed = false;
+        }
+        let ring = self.joiners.len();
+        if self.slot == 0 {
+            // Before the first count arrives, everybody is a joiner.
+            for joiners in &mut self.joiners {
+                joiners.as_flat_mut().copy_from_slice(self.members.as_flat());
+            }
+        }
+        let now = self.slot as usize % ring;
+        self.heard = (now + 1) % ring;
+        let joiners = &mut self.joiners[now];
+        joiners.as_flat_mut().fill(0);
+        let groups = self.members.as_flat().len() / (self.members.blocks() * LANES);
+        for block in 0..self.home.blocks() {
+            vectors.run(
+                #[inline(always)]
+                || {
+                    for &vehicle in present {
+                        let (home, age) = (*self.home.row(block, vehicle), *ages.row(block, vehicle));
+                        let limit = *self.turn_lost_after.row(block, vehicle);
+                        let mut joins = [NO_GROUP; LANES];
+                        for lane in 0..LANES {
+                            joins[lane] = if age[lane] > limit[lane] {
+                                home[lane]
+                            } else {
+                                NO_GROUP
+                            };
+                        }
+                        for group in 0..groups {
+                            let mut count = *joiners.row(block, group);
+                            for lane in 0..LANES {
+                                count[lane] += u16::from(joins[lane] == group as u8);
+                            }
+                            *joiners.row_mut(block, group) = count;
+                        }
+                    }
+                },
+            );
+        }
+        self.slot += 1;
+    }
+
+    /// Makes periods and the ages at which turns are lost from the sizes that count.
+    fn announce(&mut self, present: &[usize]) {
+        let (period, members) = (self.period.as_flat_mut(), self.members.as_flat());
+        for (place, period) in period.iter_mut().enumerate() {
+            let past = self.past.iter().map(|(_, sizes)| sizes.as_flat()[place]);
+            let most = past.fold(members[place], u16::max);
+            *period = u8::try_from(most)
+                .ok()
+                .and_then(Period::new)
+                .map_or(0, Period::slots);
+        }
         for &vehicle in present {
-            if let Some(group) = self.group[vehicle] {
-                let limit = self.groups[group.index()].period().map_or(0, turn_lost_after);
-                joiners[group.index()] += u32::from(age_slots(vehicle) > limit);
-            }
-        }
-        let count_delay = self.scenario.joiner_count_delay_slots as usize;
-        for (group, joiners) in self.groups.iter_mut().zip(joiners) {
-            if group.joiners.is_empty() {
-                // Before the first count arrives, everybody is a joiner.
-                group.joiners.resize(count_delay, group.members);
-            }
-            group.joiners.push_back(joiners);
-            if group.joiners.len() > count_delay + 1 {
-                let _ = group.joiners.pop_front();
+            for block in 0..self.home.blocks() {
+                let home: Row<u8> = *self.home.row(block, vehicle);
+                for (lane, group) in home.into_iter().enumerate() {
+                    let period = (group != NO_GROUP)
+                        .then(|| self.period.row(block, usize::from(group))[lane])
+                        .and_then(Period::new);
+                    self.turn_lost_after.row_mut(block, vehicle)[lane] = period.map_or(0, turn_lost_after);
+                }
             }
         }
     }
 
-    /// What a present vehicle hears. `None` for an absent one.
-    pub fn broadcast(&self, vehicle: usize) -> Option<Broadcast> {
-        let home = self.group[vehicle]?;
-        let group = &self.groups[home.index()];
-        let joiners = f64::from(group.joiners.front().copied().unwrap_or(group.members).max(1));
-        let probability = (self.scenario.joiner_load / joiners).min(1.0);
-        let code = (probability * 256.0).round().max(1.0) as u16 - 1;
+    /// The group of every vehicle, 255 for an absent one. `[vehicle][world]`.
+    pub fn homes(&self) -> &Rows<u8> {
+        &self.home
+    }
+
+    /// The announced period of every group in slots, 0 where it is too long to be announced. `[group][world]`.
+    pub fn periods(&self) -> &Rows<u8> {
+        &self.period
+    }
+
+    /// The code of every group's joiner probability.
+    #[inline(always)]
+    pub fn joiner_code(&self, world: usize, group: usize) -> u8 {
+        self.codes[usize::from(self.joiners[self.heard].get(world, group))]
+    }
+
+    /// What a present vehicle hears. `None` for an absent one, one in a group that is too large, or on a sub-channel that units
+    /// do not know.
+    pub fn broadcast(&self, world: usize, vehicle: usize) -> Option<Broadcast> {
+        let home = self.home.get(world, vehicle);
+        let group = usize::from(home);
+        if group >= self.groups() || self.groups() != SUB_CHANNELS {
+            return None;
+        }
         Some(Broadcast {
-            home,
-            period: group.period()?,
-            joiner_probability: JoinerProbability::from_code(code.min(255) as u8),
+            home: SubChannel::new(home)?,
+            period: Period::new(self.period.get(world, group))?,
+            joiner_probability: JoinerProbability::from_code(self.joiner_code(world, group)),
         })
-    }
-}
-
-impl Group {
-    fn period(&self) -> Option<Period> {
-        Period::new(u8::try_from(self.announced).ok()?)
     }
 }
 
@@ -117,58 +222,71 @@ mod tests {
     use super::*;
     use crate::scenario::ScenarioSource;
 
+    /// Two rows of worlds; the last one is looked at.
+    const WORLDS: usize = LANES + 3;
+
     fn station(vehicles: usize) -> BaseStation {
-        BaseStation::new(&ScenarioSource::default().read().unwrap().broadcast, vehicles)
+        let scenario = ScenarioSource::default().read().unwrap().broadcast;
+        BaseStation::new(&scenario, WORLDS, vehicles, SUB_CHANNELS)
+    }
+
+    fn gains(vehicles: usize) -> Rows<f32> {
+        let mut gains = Rows::new(WORLDS, vehicles, 0.0);
+        (0..vehicles).for_each(|vehicle| gains.fill(vehicle, vehicle as f32));
+        gains
+    }
+
+    fn heard(station: &BaseStation, vehicle: usize) -> Broadcast {
+        station.broadcast(WORLDS - 1, vehicle).unwrap()
     }
 
     #[test]
     fn groups_are_even_and_spread_weak_vehicles() {
         let mut station = station(20);
         let mut all: Vec<_> = (0..20).collect();
-        station.update(&mut all, &[], |vehicle| vehicle as f32);
-        station.prepare(&all, |_| 100);
-        let homes: Vec<_> = (0..20)
-            .map(|v| station.broadcast(v).unwrap().home.index())
-            .collect();
+        station.update(WORLDS, &mut all, &[], &gains(20));
+        station.prepare(Vectors::widest(), &all, &Rows::new(WORLDS, 20, 100));
+        let homes: Vec<_> = (0..20).map(|v| heard(&station, v).home.index()).collect();
         assert_eq!(homes[..6], [0, 1, 2, 0, 1, 2]);
-        assert_eq!(station.broadcast(0).unwrap().period.slots(), 7);
-        assert_eq!(station.broadcast(2).unwrap().period.slots(), 6);
+        assert_eq!(heard(&station, 0).period.slots(), 7);
+        assert_eq!(heard(&station, 2).period.slots(), 6);
         // 1.5 joiners a slot out of 7: 0.214 = 55 / 256.
-        assert_eq!(station.broadcast(0).unwrap().joiner_probability.in_256ths(), 55);
+        assert_eq!(heard(&station, 0).joiner_probability.in_256ths(), 55);
     }
 
     #[test]
     fn growth_is_told_at_once_and_shrinking_after_its_delay() {
         let mut station = station(7);
-        let mut first: Vec<_> = (0..6).collect();
-        station.update(&mut first, &[], |_| 0.0);
+        let ages = Rows::new(WORLDS, 7, 1);
+        let (gains, plain) = (gains(7), Vectors::plain());
         let present: Vec<_> = (0..6).collect();
-        station.prepare(&present, |_| 1);
-        assert_eq!(station.broadcast(0).unwrap().period.slots(), 2);
-        station.update(&mut [6], &[], |_| 0.0);
-        station.prepare(&present, |_| 1);
-        assert_eq!(station.broadcast(0).unwrap().period.slots(), 3);
-        station.update(&mut [], &[6], |_| 0.0);
+        station.update(WORLDS, &mut present.clone(), &[], &gains);
+        station.prepare(plain, &present, &ages);
+        assert_eq!(heard(&station, 0).period.slots(), 2);
+        station.update(WORLDS, &mut [6], &[], &gains);
+        station.prepare(plain, &[0, 1, 2, 3, 4, 5, 6], &ages);
+        assert_eq!(heard(&station, 0).period.slots(), 3);
+        station.update(WORLDS, &mut [], &[6], &gains);
         for _ in 0..100 {
-            station.prepare(&present, |_| 1);
-            assert_eq!(station.broadcast(0).unwrap().period.slots(), 3);
+            station.prepare(plain, &present, &ages);
+            assert_eq!(heard(&station, 0).period.slots(), 3);
         }
-        station.prepare(&present, |_| 1);
-        assert_eq!(station.broadcast(0).unwrap().period.slots(), 2);
-        assert_eq!(station.broadcast(6), None);
+        station.prepare(plain, &present, &ages);
+        assert_eq!(heard(&station, 0).period.slots(), 2);
+        assert_eq!(station.broadcast(WORLDS - 1, 6), None);
     }
 
     #[test]
     fn joiner_counts_arrive_with_their_delay() {
         let mut station = station(6);
-        let mut all: Vec<_> = (0..6).collect();
-        station.update(&mut all, &[], |_| 0.0);
         let all: Vec<_> = (0..6).collect();
+        station.update(WORLDS, &mut all.clone(), &[], &gains(6));
+        let ages = Rows::new(WORLDS, 6, 1);
         for _ in 0..5 {
-            station.prepare(&all, |_| 1);
-            assert_eq!(station.broadcast(0).unwrap().joiner_probability.in_256ths(), 192);
+            station.prepare(Vectors::widest(), &all, &ages);
+            assert_eq!(heard(&station, 0).joiner_probability.in_256ths(), 192);
         }
-        station.prepare(&all, |_| 1);
-        assert_eq!(station.broadcast(0).unwrap().joiner_probability.in_256ths(), 256);
+        station.prepare(Vectors::widest(), &all, &ages);
+        assert_eq!(heard(&station, 0).joiner_probability.in_256ths(), 256);
     }
 }

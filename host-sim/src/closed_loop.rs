@@ -10,11 +10,12 @@ use crate::age::{AgeSummary, WorldAges};
 use crate::assignment::{Network, assign};
 use crate::capacity::TrafficState;
 use crate::cell::Cell;
+use crate::environment::Environment;
 use crate::error::{Error, Result};
 use crate::mobility::{Mobility, MobilitySource};
 use crate::policy::PolicyName;
 use crate::scenario::PlanningScenario;
-use crate::simulation::{Simulation, run_world};
+use crate::simulation::{Simulation, run_worlds};
 use crate::stream::{Purpose, Role, Stream, WorldKey};
 use crate::traffic::TrafficModel;
 use firmware::table::Table;
@@ -225,20 +226,30 @@ fn run_loop(
 
     let mut results = Vec::new();
     for policy in policies {
-        let mobility = Mobility::new(simulation.source, simulation.scenario, key);
-        let mut cell = Cell::new(simulation.scenario, mobility, key);
-        let mut decider = policy.build(simulation.scenario, table, key);
+        let mut environment = Environment::new(
+            simulation.scenario,
+            simulation.source,
+            key.seed,
+            key.purpose,
+            key.world..key.world + 1,
+        );
+        let mut decider = policy.build(&environment, table);
         let mut belief = Belief {
             factors: vec![1.0; blocks],
             reported: vec![0; blocks],
         };
         let mut beliefs = Vec::new();
-        let ages = run_world(&mut cell, decider.as_mut(), &simulation.extent, |cell| {
-            hear(cell, &street, &mut belief);
-            if plan_slots.binary_search(&cell.elapsed()).is_ok() {
-                beliefs.push(belief.clone());
-            }
-        });
+        let mut ages = run_worlds(
+            &mut environment,
+            decider.as_mut(),
+            &simulation.extent,
+            |environment| {
+                hear(&environment.cell(0), &street, &mut belief);
+                if plan_slots.binary_search(&environment.elapsed()).is_ok() {
+                    beliefs.push(belief.clone());
+                }
+            },
+        );
         let plans = plan_slots
             .iter()
             .zip(&beliefs)
@@ -247,7 +258,7 @@ fn run_loop(
                 let state = street.experienced(&street.network(&belief.factors)?, truth)?;
                 Ok(plan(slot, belief, &street, &state, informed))
             });
-        results.push((ages, plans.collect::<Result<Vec<Plan>>>()?));
+        results.push((ages.remove(0), plans.collect::<Result<Vec<Plan>>>()?));
     }
     let full_knowledge = informed.iter().map(|state| Plan {
         v_over_c: state.mean_volume_over_capacity,
@@ -266,14 +277,11 @@ fn hear(cell: &Cell<'_>, street: &Street<'_>, belief: &mut Belief) {
         return;
     };
     let sent = cell.elapsed() - 1;
-    for vehicle in &cell.outcome().received {
-        let Ok(index) = cell.places().binary_search_by_key(vehicle, |&(v, _)| v) else {
+    for (vehicle, place) in cell.places() {
+        if !cell.received(*vehicle) {
             continue;
-        };
-        if let Some(road) = street
-            .model
-            .road(vehicles.heading(*vehicle), &cell.places()[index].1)
-        {
+        }
+        if let Some(road) = street.model.road(vehicles.heading(*vehicle), place) {
             let block = road / 2;
             belief.factors[block] = street.factor(block, sent);
             belief.reported[block] = sent;

@@ -39,6 +39,8 @@ enum Command {
         /// Which shell
         shell: clap_complete::Shell,
     },
+    /// How many slots a second the simulator makes on this machine
+    Bench(command::bench::BenchArguments),
 }
 
 fn main() -> ExitCode {
@@ -58,6 +60,7 @@ fn main() -> ExitCode {
         Some(Command::Explain(arguments)) => command::scenario::explain(&arguments),
         Some(Command::Schema) => command::scenario::print_schema(),
         Some(Command::Completions { shell }) => command::print_completions::<CommandLine>(shell),
+        Some(Command::Bench(arguments)) => command::bench::run(&arguments),
     };
     command::finish(outcome)
 }

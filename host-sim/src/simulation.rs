@@ -1,13 +1,15 @@
 //! Many worlds of one scenario under one policy.
 
-use crate::age::{AgeSummary, WorldAges, ideal_age_ms};
+use crate::age::{AgeCounter, AgeSummary, WorldAges, ideal_age_ms};
 use crate::cell::Cell;
+use crate::decisions::Decisions;
+use crate::environment::Environment;
 use crate::error::{Error, Result};
-use crate::mobility::{Mobility, MobilitySource};
+use crate::lanes::LANES;
+use crate::mobility::MobilitySource;
 use crate::policy::{Policy, PolicyName};
 use crate::scenario::Scenario;
-use crate::stream::{Purpose, WorldKey};
-use firmware::decision::Decision;
+use crate::stream::Purpose;
 use firmware::table::Table;
 use rayon::prelude::*;
 
@@ -43,37 +45,41 @@ pub struct Simulation<'s> {
 }
 
 impl Simulation<'_> {
-    /// Runs every world on the current rayon pool, in an order that does not matter: the result is the same for any number
-    /// of threads. `build` makes a world's policy; `at_end` looks at each world's cell after its last slot, and its
-    /// values come in the order of worlds.
+    /// Runs every world on the current rayon pool, in batches and in an order that do not matter: the result is the same for
+    /// any number of threads. `build` makes the policy of a batch; `at_end` looks at each world's cell after its last slot,
+    /// and its values come in the order of worlds.
     ///
     /// # Errors
     /// [`Error::Input`] if the trace is too short, or no vehicle is present after warm-up.
     pub fn run<'p, B, E, T>(&self, build: B, at_end: E) -> Result<(AgeSummary, Vec<T>)>
     where
-        B: Fn(&WorldKey) -> Box<dyn Policy + 'p> + Sync,
+        B: Fn(&Environment<'_>) -> Box<dyn Policy + 'p> + Sync,
         E: Fn(&Cell<'_>) -> T + Sync,
         T: Send,
     {
         self.source.check_slots(self.extent.slots_per_world())?;
-        let (ages, ends): (Vec<WorldAges>, Vec<T>) = (0..u64::from(self.extent.worlds))
+        let worlds = u64::from(self.extent.worlds);
+        // A row of worlds costs the same however full it is, so few worlds are spread over the threads.
+        let batch = worlds
+            .div_ceil(rayon::current_num_threads() as u64)
+            .clamp(1, LANES as u64);
+        let batches: Vec<(Vec<WorldAges>, Vec<T>)> = (0..worlds.div_ceil(batch))
             .into_par_iter()
-            .map(|world| {
-                let key = WorldKey {
-                    seed: self.extent.seed,
-                    purpose: Purpose::Evaluation,
-                    world,
-                };
-                let mut policy = build(&key);
-                let mobility = Mobility::new(self.source, self.scenario, &key);
-                let mut cell = Cell::new(self.scenario, mobility, &key);
-                let ages = run_world(&mut cell, policy.as_mut(), &self.extent, |_| ());
-                (ages, at_end(&cell))
+            .map(|index| {
+                let worlds = index * batch..worlds.min((index + 1) * batch);
+                let seed = self.extent.seed;
+                let mut environment =
+                    Environment::new(self.scenario, self.source, seed, Purpose::Evaluation, worlds);
+                let mut policy = build(&environment);
+                let ages = run_worlds(&mut environment, policy.as_mut(), &self.extent, |_| ());
+                let ends = (0..environment.worlds()).map(|world| at_end(&environment.cell(world)));
+                (ages, ends.collect())
             })
-            .unzip();
-        let summary = AgeSummary::new(&ages);
+            .collect();
+        let (ages, ends): (Vec<_>, Vec<_>) = batches.into_iter().unzip();
+        let summary = AgeSummary::new(&ages.concat());
         summary
-            .map(|summary| (summary, ends))
+            .map(|summary| (summary, ends.into_iter().flatten().collect()))
             .ok_or_else(|| Error::input("slots", "no vehicle after warm-up", "at least one"))
     }
 
@@ -88,7 +94,7 @@ impl Simulation<'_> {
         at_end: impl Fn(&Cell<'_>) -> T + Sync,
     ) -> Result<(AgeSummary, Vec<T>)> {
         policy.check(self.scenario, self.source.most_vehicles(self.scenario), table)?;
-        self.run(|key| policy.build(self.scenario, table, key), at_end)
+        self.run(|environment| policy.build(environment, table), at_end)
     }
 
     /// [`ideal_age_ms`], over the vehicle-slots after warm-up where the number of vehicles changes.
@@ -117,25 +123,33 @@ impl Simulation<'_> {
     }
 }
 
-/// Runs one world; `after_slot` looks at its cell after each slot.
-pub fn run_world(
-    cell: &mut Cell<'_>,
+/// Runs a batch of worlds from their start; `after_slot` looks at them after each slot.
+pub fn run_worlds(
+    environment: &mut Environment<'_>,
     policy: &mut dyn Policy,
     extent: &Extent,
-    mut after_slot: impl FnMut(&Cell<'_>),
-) -> WorldAges {
-    let mut ages = WorldAges::new(extent.warmup, cell.vehicles());
-    let mut decisions = vec![Decision::Silent; cell.vehicles()];
+    mut after_slot: impl FnMut(&Environment<'_>),
+) -> Vec<WorldAges> {
+    let (worlds, vehicles) = (environment.worlds(), environment.vehicles());
+    let mut ages = AgeCounter::new(extent.warmup, worlds, vehicles);
+    let mut decisions = Decisions::new(worlds, vehicles);
     for slot in 0..extent.slots_per_world() {
-        decisions.fill(Decision::Silent);
-        policy.decide(cell, &mut decisions);
-        let successes = cell.step(&decisions).received.len();
+        run_slot(environment, policy, &mut decisions);
         ages.record(
+            environment.vectors(),
             slot,
-            cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle))),
-            successes,
+            environment.present(),
+            environment.ages(),
+            environment.successes(),
         );
-        after_slot(cell);
+        after_slot(environment);
     }
-    ages
+    ages.worlds()
+}
+
+/// Lets everybody decide once, and steps.
+pub fn run_slot(environment: &mut Environment<'_>, policy: &mut dyn Policy, decisions: &mut Decisions) {
+    decisions.clear();
+    policy.decide(environment, decisions);
+    environment.step(decisions);
 }

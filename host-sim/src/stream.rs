@@ -1,5 +1,6 @@
 //! Random streams, keyed so that no two uses ever share one.
 
+use crate::lanes::unit_interval;
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 
@@ -42,8 +43,8 @@ pub struct WorldKey {
 }
 
 impl WorldKey {
-    /// The stream for one role. Different (seed, purpose, world, role, member) are different ChaCha keys.
-    pub fn stream(&self, role: Role, member: u32) -> Stream {
+    /// The ChaCha key of one role's stream: different (seed, purpose, world, role, member) are different keys.
+    pub(crate) fn bytes(&self, role: Role, member: u32) -> [u8; 32] {
         let mut key = [0; 32];
         let words = [
             self.seed,
@@ -54,7 +55,12 @@ impl WorldKey {
         for (bytes, word) in key.chunks_exact_mut(8).zip(words) {
             bytes.copy_from_slice(&word.to_le_bytes());
         }
-        Stream(ChaCha8Rng::from_seed(key))
+        key
+    }
+
+    /// The stream for one role.
+    pub fn stream(&self, role: Role, member: u32) -> Stream {
+        Stream(ChaCha8Rng::from_seed(self.bytes(role, member)))
     }
 }
 
@@ -66,7 +72,7 @@ pub struct Stream(ChaCha8Rng);
 impl Stream {
     /// Uniform on (0, 1): an odd multiple of 2^-24.
     pub fn uniform(&mut self) -> f32 {
-        ((self.0.next_u32() >> 8) | 1) as f32 * (1.0 / 16_777_216.0)
+        unit_interval(self.0.next_u32())
     }
 
     /// Uniform on the half-open interval.

@@ -1,11 +1,11 @@
 //! The channel against first principles and the numbers that any implementation of the scenario must give.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
-use firmware::decision::Decision;
-use host_sim::cell::Cell;
-use host_sim::mobility::{Mobility, MobilitySource};
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
+use host_sim::mobility::MobilitySource;
 use host_sim::scenario::{Scenario, ScenarioSource};
-use host_sim::stream::{Purpose, WorldKey};
+use host_sim::stream::Purpose;
 
 fn scenario(settings: &[&str]) -> Scenario {
     let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
@@ -19,21 +19,17 @@ fn scenario(settings: &[&str]) -> Scenario {
 
 /// Gains of every vehicle and sub-channel in the first slot of many worlds, `[world * vehicle][sub-channel]`.
 fn first_gains(scenario: &Scenario, worlds: u64) -> Vec<[f32; 3]> {
-    let mut gains = Vec::new();
-    for world in 0..worlds {
-        let key = WorldKey {
-            seed: 99,
-            purpose: Purpose::Evaluation,
-            world,
-        };
-        let cell = Cell::new(
-            scenario,
-            Mobility::new(&MobilitySource::Grid, scenario, &key),
-            &key,
-        );
-        gains.extend(cell.present().iter().map(|&vehicle| *cell.gain_db(vehicle)));
-    }
-    gains
+    let source = MobilitySource::Grid;
+    let environment = Environment::new(scenario, &source, 99, Purpose::Evaluation, 0..worlds);
+    let of_world = |world| {
+        let gain_db = |vehicle| std::array::from_fn(|n| environment.gain_db(world, vehicle, n));
+        environment
+            .present()
+            .iter()
+            .map(|&vehicle| gain_db(vehicle))
+            .collect::<Vec<_>>()
+    };
+    (0..environment.worlds()).flat_map(of_world).collect()
 }
 
 #[test]
@@ -82,23 +78,15 @@ fn shadowing_decorrelates_over_its_distance() {
         "radio.shadowing_decorrelation_m=0.05",
     ]);
     // One slot an update: 0.01 m a slot, so the distance of 0.05 m is 5 slots.
-    let key = WorldKey {
-        seed: 4,
-        purpose: Purpose::Evaluation,
-        world: 0,
-    };
-    let mut cell = Cell::new(
-        &scenario,
-        Mobility::new(&MobilitySource::Grid, &scenario, &key),
-        &key,
-    );
-    let silent = vec![Decision::Silent; cell.vehicles()];
+    let source = MobilitySource::Grid;
+    let mut cell = Environment::new(&scenario, &source, 4, Purpose::Evaluation, 0..1);
+    let silent = Decisions::new(1, cell.vehicles());
     let mut history: Vec<Vec<f64>> = Vec::new();
     for _ in 0..400 {
         // The mean over sub-channels still holds fading, which is independent from slot to slot.
-        let level = |v: usize| cell.gain_db(v).iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0;
+        let level = |v: usize| (0..3).map(|n| f64::from(cell.gain_db(0, v, n))).sum::<f64>() / 3.0;
         history.push((0..cell.vehicles()).map(level).collect());
-        let _ = cell.step(&silent);
+        cell.step(&silent);
     }
     let all: Vec<f64> = history.iter().flatten().copied().collect();
     let mean = all.iter().sum::<f64>() / all.len() as f64;

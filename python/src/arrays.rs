@@ -1,9 +1,11 @@
 //! What an environment shows to Python in a slot, `[world][vehicle]`, and how it is filled.
 
 use crate::shared_array::SharedArray;
-use firmware::observation::{INPUTS, ONE, Observation};
-use firmware::units::{Age, Level, SUB_CHANNELS};
+use firmware::observation::{INPUTS, ONE};
+use firmware::units::{Age, SUB_CHANNELS};
 use host_sim::environment::Environment;
+use host_sim::lanes::LANES;
+use host_sim::policy::actor::Encoder;
 use pyo3::prelude::*;
 
 /// What a vehicle is rewarded for.
@@ -67,33 +69,22 @@ impl Arrays {
         })
     }
 
-    /// The arrays in parts of so many worlds.
+    /// The arrays that every slot fills, in parts of so many worlds.
     pub fn parts(&mut self, worlds: usize) -> Vec<Part<'_>> {
         let each = worlds * self.vehicles;
-        let (inputs, sub_channels) = (each * INPUTS, each * SUB_CHANNELS);
-        let mut observations = self.observations.values_mut().chunks_mut(inputs);
         let mut ages = self.ages.values_mut().chunks_mut(each);
         let mut received = self.received.values_mut().chunks_mut(each);
         let mut rewards = self.rewards.values_mut().chunks_mut(each);
-        let mut gains_db = self.gains_db.values_mut().chunks_mut(sub_channels);
-        let mut interference_db = self.interference_db.values_mut().chunks_mut(sub_channels);
-        let mut home_sub_channels = self.home_sub_channels.values_mut().chunks_mut(each);
-        let mut periods = self.periods.values_mut().chunks_mut(each);
-        let mut joiner_probabilities = self.joiner_probabilities.values_mut().chunks_mut(each);
-        let mut part = || {
+        let observations = self.observations.values_mut().chunks_mut(each * INPUTS);
+        let parts = observations.filter_map(|observations| {
             Some(Part {
-                observations: observations.next()?,
+                observations,
                 ages: ages.next()?,
                 received: received.next()?,
                 rewards: rewards.next()?,
-                gains_db: gains_db.next()?,
-                interference_db: interference_db.next()?,
-                home_sub_channels: home_sub_channels.next()?,
-                periods: periods.next()?,
-                joiner_probabilities: joiner_probabilities.next()?,
             })
-        };
-        std::iter::from_fn(&mut part).collect()
+        });
+        parts.collect()
     }
 
     /// Says who is present.
@@ -101,6 +92,33 @@ impl Arrays {
         let marks = self.present.values_mut();
         marks.fill(false);
         present.iter().for_each(|&vehicle| marks[vehicle] = true);
+    }
+
+    /// Fills what is read less often: levels and broadcasts of a part whose first world is `first`.
+    pub fn fill_measurements(&mut self, first: usize, environment: &Environment<'_>) {
+        let gains_db = self.gains_db.values_mut();
+        let interference_db = self.interference_db.values_mut();
+        let home_sub_channels = self.home_sub_channels.values_mut();
+        let periods = self.periods.values_mut();
+        let joiner_probabilities = self.joiner_probabilities.values_mut();
+        for world in 0..environment.worlds() {
+            for vehicle in 0..self.vehicles {
+                let index = (first + world) * self.vehicles + vehicle;
+                let present = environment.present().binary_search(&vehicle).is_ok();
+                for sub_channel in 0..SUB_CHANNELS {
+                    let place = index * SUB_CHANNELS + sub_channel;
+                    let db = |db: f32| if present { db } else { 0.0 };
+                    gains_db[place] = db(environment.gain_db(world, vehicle, sub_channel));
+                    interference_db[place] = db(environment.interference_db(world, vehicle, sub_channel));
+                }
+                let broadcast = environment.broadcast(world, vehicle).filter(|_| present);
+                home_sub_channels[index] = broadcast.map_or(0, |heard| heard.home.index() as u8);
+                periods[index] = broadcast.map_or(0, |heard| heard.period.slots());
+                joiner_probabilities[index] = broadcast.map_or(0.0, |heard| {
+                    f32::from(heard.joiner_probability.in_256ths()) / 256.0
+                });
+            }
+        }
     }
 
     /// Fills the floats from the integers.
@@ -119,81 +137,64 @@ pub struct Part<'a> {
     ages: &'a mut [u8],
     received: &'a mut [bool],
     rewards: &'a mut [f32],
-    gains_db: &'a mut [f32],
-    interference_db: &'a mut [f32],
-    home_sub_channels: &'a mut [u8],
-    periods: &'a mut [u8],
-    joiner_probabilities: &'a mut [f32],
 }
 
 impl Part<'_> {
-    /// Takes in a slot's beginning; `seen` keeps every vehicle's observation for its decision, `None` for an absent one and
-    /// for one whose group the base station cannot serve.
-    pub fn fill(
-        &mut self,
-        environment: &Environment<'_>,
-        required_sinr: Level,
-        reward: Reward,
-        seen: &mut [Option<Observation>],
-    ) {
+    /// Takes in a slot's beginning.
+    pub fn fill(&mut self, environment: &Environment<'_>, encoder: &Encoder, reward: Reward) {
         let vehicles = environment.vehicles();
         if environment.present().len() < vehicles {
-            self.clear();
-            seen.fill(None);
+            self.observations.fill(0);
+            self.ages.fill(0);
+            self.received.fill(false);
+            self.rewards.fill(0.0);
+        }
+        for block in 0..environment.ages().blocks() {
+            let worlds = (environment.worlds() - block * LANES).min(LANES);
+            for &vehicle in environment.present() {
+                let first = block * LANES * vehicles + vehicle;
+                self.fill_vehicle(environment, encoder, block, vehicle, (first, worlds));
+            }
         }
         for world in 0..environment.worlds() {
-            for &vehicle in environment.present() {
-                let index = world * vehicles + vehicle;
-                self.ages[index] = environment.age(world, vehicle).slots();
-                self.received[index] = environment.received(world, vehicle);
-                for sub_channel in 0..SUB_CHANNELS {
-                    let place = index * SUB_CHANNELS + sub_channel;
-                    self.gains_db[place] = environment.gain_db(world, vehicle, sub_channel);
-                    self.interference_db[place] = environment.interference_db(world, vehicle, sub_channel);
-                }
-                seen[index] = environment.measurement(world, vehicle).map(|measurement| {
-                    let broadcast = measurement.broadcast();
-                    self.home_sub_channels[index] = broadcast.home.index() as u8;
-                    self.periods[index] = broadcast.period.slots();
-                    let probability = f32::from(broadcast.joiner_probability.in_256ths()) / 256.0;
-                    self.joiner_probabilities[index] = probability;
-                    Observation::new(&measurement)
-                });
-                let encoded =
-                    seen[index].map_or([0; INPUTS], |observation| observation.encode(required_sinr));
-                self.observations[index * INPUTS..][..INPUTS].copy_from_slice(&encoded);
-            }
             self.fill_rewards(world * vehicles, environment.present(), reward);
+        }
+    }
+
+    /// Takes in one vehicle in a block of worlds: its index in the first one, and how many these are.
+    fn fill_vehicle(
+        &mut self,
+        environment: &Environment<'_>,
+        encoder: &Encoder,
+        block: usize,
+        vehicle: usize,
+        (first, worlds): (usize, usize),
+    ) {
+        let mut inputs = [[0; LANES]; INPUTS];
+        environment.vectors().run(
+            #[inline(always)]
+            || encoder.encode(environment, block, vehicle, &mut inputs),
+        );
+        let ages = environment.ages().row(block, vehicle);
+        let receptions = environment.receptions().row(block, vehicle);
+        for world in 0..worlds {
+            let index = first + world * environment.vehicles();
+            let (observation, _) = self.observations[index * INPUTS..].as_chunks_mut::<INPUTS>();
+            observation[0] = std::array::from_fn(|input| inputs[input][world]);
+            self.ages[index] = ages[world];
+            self.received[index] = receptions[world] > 0;
         }
     }
 
     fn fill_rewards(&mut self, first: usize, present: &[usize], reward: Reward) {
         let of_age = |age: f32| -age / f32::from(Age::MAX.slots());
         let age = |vehicle: &usize| f32::from(self.ages[first + vehicle]);
-        match reward {
-            Reward::Own => {
-                for vehicle in present {
-                    self.rewards[first + vehicle] = of_age(age(vehicle));
-                }
-            }
-            Reward::Team => {
-                let mean = present.iter().map(age).sum::<f32>() / present.len().max(1) as f32;
-                for vehicle in present {
-                    self.rewards[first + vehicle] = of_age(mean);
-                }
-            }
+        let mean = present.iter().map(age).sum::<f32>() / present.len().max(1) as f32;
+        for vehicle in present {
+            self.rewards[first + vehicle] = match reward {
+                Reward::Own => of_age(age(vehicle)),
+                Reward::Team => of_age(mean),
+            };
         }
-    }
-
-    fn clear(&mut self) {
-        self.observations.fill(0);
-        self.ages.fill(0);
-        self.received.fill(false);
-        self.rewards.fill(0.0);
-        self.gains_db.fill(0.0);
-        self.interference_db.fill(0.0);
-        self.home_sub_channels.fill(0);
-        self.periods.fill(0);
-        self.joiner_probabilities.fill(0.0);
     }
 }

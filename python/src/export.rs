@@ -3,11 +3,12 @@
 use crate::error::{check_range, exception, value_error};
 use crate::scenario::{Scenario, Setting};
 use crate::table::{Table, input_rows};
-use firmware::decision::{ACTIONS, Decision};
+use firmware::decision::ACTIONS;
 use firmware::observation::{INPUTS, Observation};
 use firmware::table::{MAX_LAYERS, Provenance};
 use host_sim::command::options::thread_pool;
-use host_sim::environment::{Decisions, Environment};
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
 use host_sim::policy::power_plan;
 use host_sim::simulation::Simulation;
 use host_sim::stream::Purpose;
@@ -171,18 +172,16 @@ impl FloatNetwork {
         let mut decisions = Decisions::new(1, environment.vehicles());
         let mut inputs = Vec::new();
         for _ in 0..CALIBRATION_SLOTS {
+            decisions.clear();
             for &vehicle in environment.present() {
-                let decision = match environment.measurement(0, vehicle) {
-                    Some(measurement) => {
-                        let observation = Observation::new(&measurement);
-                        let input = observation.encode(required);
-                        inputs.push(input);
-                        let action = best_action(&self.inner.forward(&as_float(&input)));
-                        plan.decision(action, &observation)
-                    }
-                    None => Decision::Silent,
+                let Some(measurement) = environment.measurement(0, vehicle) else {
+                    continue;
                 };
-                decisions.set(0, vehicle, decision);
+                let observation = Observation::new(&measurement);
+                let input = observation.encode(required);
+                inputs.push(input);
+                let action = best_action(&self.inner.forward(&as_float(&input)));
+                decisions.set(0, vehicle, plan.decision(action, &observation));
             }
             environment.step(&decisions);
         }

@@ -5,6 +5,7 @@
 
 mod arrays;
 mod assignment;
+mod batch;
 mod error;
 mod evaluation;
 mod export;
@@ -19,6 +20,8 @@ mod _native {
     #[pymodule_export]
     use crate::assignment::{Assignment, assign_arrays};
     #[pymodule_export]
+    use crate::batch::Batch;
+    #[pymodule_export]
     use crate::evaluation::{Evaluation, evaluate_policy};
     #[pymodule_export]
     use crate::export::FloatNetwork;
@@ -28,6 +31,4 @@ mod _native {
     use crate::speed::native_loop;
     #[pymodule_export]
     use crate::table::Table;
-    #[pymodule_export]
-    use crate::worlds::Worlds;
 }

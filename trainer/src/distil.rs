@@ -2,11 +2,12 @@
 //! drives the cells, the clock says what it should have done there.
 
 use crate::network::{Adam, Network};
-use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
+use firmware::decision::{ACTIONS, Action, PowerPlan};
 use firmware::observation::{INPUTS, ONE, Observation};
 use firmware::units::{Age, Level, SUB_CHANNELS};
-use host_sim::cell::Cell;
-use host_sim::mobility::{Mobility, MobilitySource};
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
+use host_sim::mobility::MobilitySource;
 use host_sim::policy::{clock, power_plan};
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
@@ -192,18 +193,20 @@ fn watch(
     scenario.cell.vehicles =
         recipe.min_vehicles + stream.below(recipe.max_vehicles - recipe.min_vehicles + 1);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
-    let mut cell = Cell::new(
+    let mut cell = Environment::new(
         &scenario,
-        Mobility::new(&MobilitySource::Grid, &scenario, key),
-        key,
+        &MobilitySource::Grid,
+        key.seed,
+        key.purpose,
+        key.world..key.world + 1,
     );
     start_ages(&mut cell, &mut stream);
     let mut samples = Samples::default();
-    let mut decisions = vec![Decision::Silent; cell.vehicles()];
+    let mut decisions = Decisions::new(1, cell.vehicles());
     for _ in 0..recipe.slots {
         let expert_drives = stream.chance(expert_share);
         for &vehicle in cell.present() {
-            let Some(measurement) = cell.measurement(vehicle) else {
+            let Some(measurement) = cell.measurement(0, vehicle) else {
                 continue;
             };
             let observation = Observation::new(&measurement);
@@ -214,17 +217,17 @@ fn watch(
             } else {
                 best_action(&network.forward(&as_float(&input)))
             };
-            decisions[vehicle] = plan.decision(action, &observation);
+            decisions.set(0, vehicle, plan.decision(action, &observation));
             samples.inputs.push(input);
             samples.classes.push(expert as u8);
         }
-        let _ = cell.step(&decisions);
+        cell.step(&decisions);
     }
     samples
 }
 
 /// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform.
-fn start_ages(cell: &mut Cell<'_>, stream: &mut Stream) {
+fn start_ages(cell: &mut Environment<'_>, stream: &mut Stream) {
     let kind = stream.uniform();
     if kind < 0.35 {
         return;
@@ -232,7 +235,7 @@ fn start_ages(cell: &mut Cell<'_>, stream: &mut Stream) {
     let uniform = |stream: &mut Stream| Age::after(1 + stream.below(u32::from(Age::MAX.slots())));
     let mut members: [Vec<usize>; SUB_CHANNELS] = Default::default();
     for vehicle in 0..cell.vehicles() {
-        if let Some(measurement) = cell.measurement(vehicle) {
+        if let Some(measurement) = cell.measurement(0, vehicle) {
             members[measurement.broadcast().home.index()].push(vehicle);
         }
     }
@@ -245,7 +248,7 @@ fn start_ages(cell: &mut Cell<'_>, stream: &mut Stream) {
             } else {
                 Age::after(age)
             };
-            cell.set_age(vehicle, age);
+            cell.set_age(0, vehicle, age);
         }
     }
 }

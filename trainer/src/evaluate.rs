@@ -3,10 +3,10 @@
 use crate::distil::{as_float, best_action};
 use crate::network::Network;
 use firmware::actor::Actor;
-use firmware::decision::Decision;
 use firmware::observation::Observation;
 use firmware::table::Table;
-use host_sim::cell::Cell;
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
 use host_sim::policy::Policy;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -46,18 +46,21 @@ impl<'a> FloatActor<'a> {
 }
 
 impl Policy for FloatActor<'_> {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
         let (mut same, mut all) = (0, 0);
-        for &vehicle in cell.present() {
-            let Some(measurement) = cell.measurement(vehicle) else {
-                continue;
-            };
-            let observation = Observation::new(&measurement);
-            let input = observation.encode(self.table.required_sinr());
-            let action = best_action(&self.network.forward(&as_float(&input)));
-            same += u64::from(action == self.quantised.act(&observation));
-            all += 1;
-            decisions[vehicle] = self.table.power_plan().decision(action, &observation);
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
+                let observation = Observation::new(&measurement);
+                let input = observation.encode(self.table.required_sinr());
+                let action = best_action(&self.network.forward(&as_float(&input)));
+                same += u64::from(action == self.quantised.act(&observation));
+                all += 1;
+                let decision = self.table.power_plan().decision(action, &observation);
+                decisions.set(world, vehicle, decision);
+            }
         }
         let _ = self.agreement.same.fetch_add(same, Ordering::Relaxed);
         let _ = self.agreement.all.fetch_add(all, Ordering::Relaxed);

@@ -4,71 +4,106 @@
 mod path_loss;
 mod shadowing;
 
-pub use path_loss::path_loss_db;
+pub use path_loss::PathLoss;
 pub use shadowing::Shadowing;
 
+use crate::lanes::{LANES, LaneStream, Rows, Vectors, decibels, ln, unit_interval};
 use crate::mobility::Place;
 use crate::scenario::Scenario;
 use crate::stream::{Role, Stream, WorldKey};
-use firmware::units::SUB_CHANNELS;
 
-/// Gains of all vehicles that ever appear.
+/// Gains of all vehicles that ever appear, in a batch of worlds.
 ///
 /// A gain is the level in dB over noise at which the base station receives the vehicle at full power (paper eq. 1, with
 /// the link budget of Table I included).
 pub struct Channel<'s> {
     scenario: &'s Scenario,
+    path_loss: PathLoss,
+    budget_db: f64,
+    sub_channels: usize,
+    vehicles: usize,
+    /// `[world][vehicle]`.
     shadowing: Vec<Option<Shadowing>>,
-    large_scale_db: Vec<f32>,
-    gain_db: Vec<[f32; SUB_CHANNELS]>,
-    shadowing_stream: Stream,
-    fading_stream: Stream,
+    /// `[vehicle][world]`.
+    large_scale_db: Rows<f32>,
+    /// `[vehicle][sub_channel][world]`.
+    gain_db: Rows<f32>,
+    /// By world.
+    shadowing_streams: Vec<Stream>,
+    /// By block of worlds.
+    fading_streams: Vec<LaneStream>,
 }
 
 impl<'s> Channel<'s> {
     /// A channel for `vehicles` vehicles, of which none is present yet.
-    pub fn new(scenario: &'s Scenario, vehicles: usize, key: &WorldKey) -> Self {
+    pub fn new(scenario: &'s Scenario, vehicles: usize, keys: &[WorldKey]) -> Self {
+        let sub_channels = scenario.radio.sub_channels as usize;
         Self {
             scenario,
-            shadowing: vec![None; vehicles],
-            large_scale_db: vec![0.0; vehicles],
-            gain_db: vec![[0.0; SUB_CHANNELS]; vehicles],
-            shadowing_stream: key.stream(Role::Shadowing, 0),
-            fading_stream: key.stream(Role::FastFading, 0),
+            path_loss: PathLoss::new(scenario),
+            budget_db: scenario.radio.budget_db(),
+            sub_channels,
+            vehicles,
+            shadowing: vec![None; vehicles * keys.len()],
+            large_scale_db: Rows::new(keys.len(), vehicles, 0.0),
+            gain_db: Rows::new(keys.len(), vehicles * sub_channels, 0.0),
+            shadowing_streams: keys.iter().map(|key| key.stream(Role::Shadowing, 0)).collect(),
+            fading_streams: keys
+                .chunks(LANES)
+                .map(|keys| LaneStream::new(keys.iter().copied(), Role::FastFading, 0))
+                .collect(),
         }
     }
 
-    /// Takes new places: path loss anew, shadowing on by the way driven.
-    pub fn move_to(&mut self, places: &[(usize, Place)]) {
+    /// Takes one world's new places: path loss anew, shadowing on by the way driven.
+    pub fn move_to(&mut self, world: usize, places: &[(usize, Place)]) {
         let radio = &self.scenario.radio;
+        let (stream, first) = (&mut self.shadowing_streams[world], world * self.vehicles);
         for &(vehicle, place) in places {
-            let normal = self.shadowing_stream.normal();
-            let shadowing = match self.shadowing[vehicle] {
+            let normal = stream.normal();
+            let shadowing = match self.shadowing[first + vehicle] {
                 None => Shadowing::new(radio, normal),
                 Some(shadowing) => shadowing.moved(radio, place.moved_m, normal),
             };
-            self.shadowing[vehicle] = Some(shadowing);
-            let loss = path_loss_db(self.scenario, place.x_m, place.y_m) + shadowing.db();
-            self.large_scale_db[vehicle] = (radio.budget_db() - loss) as f32;
+            self.shadowing[first + vehicle] = Some(shadowing);
+            let loss = self.path_loss.db(place.x_m, place.y_m) + shadowing.db();
+            self.large_scale_db
+                .set(world, vehicle, (self.budget_db - loss) as f32);
         }
     }
 
     /// Draws the slot's fast fading: Rayleigh, so the power is exponential with mean 1.
-    pub fn fade(&mut self, present: &[usize]) {
-        for &vehicle in present {
-            for gain in &mut self.gain_db[vehicle] {
-                *gain = self.large_scale_db[vehicle] + 10.0 * libm::log10f(self.fading_stream.exponential());
-            }
+    pub fn fade(&mut self, vectors: Vectors, present: &[usize]) {
+        let (gain_db, large_scale_db) = (&mut self.gain_db, &self.large_scale_db);
+        let sub_channels = self.sub_channels;
+        for (block, stream) in self.fading_streams.iter_mut().enumerate() {
+            vectors.run(
+                #[inline(always)]
+                || {
+                    for &vehicle in present {
+                        let mean_db = *large_scale_db.row(block, vehicle);
+                        for sub_channel in 0..sub_channels {
+                            let words = *stream.next_row();
+                            let mut row = [0.0; LANES];
+                            for lane in 0..LANES {
+                                let power = -ln(unit_interval(words[lane]));
+                                row[lane] = mean_db[lane] + decibels(power);
+                            }
+                            *gain_db.row_mut(block, vehicle * sub_channels + sub_channel) = row;
+                        }
+                    }
+                },
+            );
         }
     }
 
-    /// Gain without fast fading in dB.
-    pub fn large_scale_db(&self, vehicle: usize) -> f32 {
-        self.large_scale_db[vehicle]
+    /// Gain without fast fading in dB, `[vehicle][world]`.
+    pub fn large_scale_db(&self) -> &Rows<f32> {
+        &self.large_scale_db
     }
 
-    /// Gain of the slot on every sub-channel in dB.
-    pub fn gain_db(&self, vehicle: usize) -> &[f32; SUB_CHANNELS] {
-        &self.gain_db[vehicle]
+    /// Gain of the slot on every sub-channel in dB, `[vehicle][sub_channel][world]`.
+    pub fn gain_db(&self) -> &Rows<f32> {
+        &self.gain_db
     }
 }

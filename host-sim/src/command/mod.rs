@@ -1,6 +1,7 @@
 //! The command line's sub-commands: each has its options and a `run`.
 
 pub mod assign;
+pub mod bench;
 pub mod closed_loop;
 pub mod deadline;
 pub mod figures;

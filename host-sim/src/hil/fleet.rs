@@ -2,12 +2,13 @@
 
 use super::emulator::{Emulator, Setup};
 use super::image::Image;
-use crate::age::{AgeSummary, WorldAges};
-use crate::cell::Cell;
+use crate::age::{AgeCounter, AgeSummary};
+use crate::decisions::Decisions;
+use crate::environment::Environment;
 use crate::error::{Error, Result};
-use crate::mobility::{Mobility, MobilitySource};
+use crate::mobility::MobilitySource;
 use crate::scenario::Scenario;
-use crate::stream::{Purpose, Role, Stream, WorldKey};
+use crate::stream::{Purpose, Role, Stream};
 use firmware::decision::Decision;
 use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
 use firmware::slot_clock::SlotLength;
@@ -71,13 +72,9 @@ impl Fleet<'_> {
     /// # Errors
     /// As [`Emulator::boot`], and if an image ends before its time.
     pub fn run(&self, mut each_slot: impl FnMut()) -> Result<FleetResult> {
-        let key = WorldKey {
-            seed: self.seed,
-            purpose: Purpose::Evaluation,
-            world: 0,
-        };
-        let mobility = Mobility::new(&MobilitySource::Grid, self.scenario, &key);
-        let mut cell = Cell::new(self.scenario, mobility, &key);
+        let source = MobilitySource::Grid;
+        let mut cell = Environment::new(self.scenario, &source, self.seed, Purpose::Evaluation, 0..1);
+        let key = cell.keys()[0];
         let mut pairs = (0..self.units)
             .map(|unit| self.boot(unit))
             .collect::<Result<Vec<_>>>()?;
@@ -89,16 +86,16 @@ impl Fleet<'_> {
                 )
             })
             .collect();
-        let mut world = WorldAges::new(0, cell.vehicles());
+        let mut ages = AgeCounter::new(0, 1, cell.vehicles());
         let (mut mismatches, mut missing) = (0, 0);
-        let mut decisions = vec![Decision::Silent; cell.vehicles()];
+        let mut decisions = Decisions::new(1, cell.vehicles());
         for slot in 0..self.slots {
-            decisions.fill(Decision::Silent);
+            decisions.clear();
             let events: Vec<(usize, Event)> = cell
                 .present()
                 .iter()
                 .map(|&vehicle| {
-                    let measurement = cell.measurement(vehicle);
+                    let measurement = cell.measurement(0, vehicle);
                     (
                         vehicle,
                         measurement.map_or(Event::Missed(cell.slot()), Event::Measured),
@@ -111,7 +108,8 @@ impl Fleet<'_> {
                     Some(pair) => pair.image.send(&frame(event)?)?,
                     None => {
                         let report = others[*vehicle].slot(event);
-                        decisions[*vehicle] = report.map_or(Decision::Silent, |report| report.decision);
+                        let decision = report.map_or(Decision::Silent, |report| report.decision);
+                        decisions.set(0, *vehicle, decision);
                     }
                 }
             }
@@ -126,17 +124,21 @@ impl Fleet<'_> {
                 };
                 mismatches += u64::from(answer != expected);
                 missing += u64::from(answer.is_none());
-                decisions[*vehicle] = answer
-                    .and_then(|answer| answer.decision())
-                    .unwrap_or(Decision::Silent);
+                let decision = answer.and_then(|answer| answer.decision());
+                decisions.set(0, *vehicle, decision.unwrap_or(Decision::Silent));
             }
-            let successes = cell.step(&decisions).received.len();
-            let ages = cell.present().iter().map(|&vehicle| (vehicle, cell.age(vehicle)));
-            world.record(slot, ages, successes);
+            cell.step(&decisions);
+            ages.record(
+                cell.vectors(),
+                slot,
+                cell.present(),
+                cell.ages(),
+                cell.successes(),
+            );
             each_slot();
         }
-        let ages =
-            AgeSummary::new(&[world]).ok_or_else(|| Error::input("slots", self.slots, "at least one"))?;
+        let ages = AgeSummary::new(&ages.worlds())
+            .ok_or_else(|| Error::input("slots", self.slots, "at least one"))?;
         let mut result = FleetResult {
             mismatches,
             deadline_misses: missing,

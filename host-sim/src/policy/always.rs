@@ -1,11 +1,11 @@
 //! Everybody sends in every slot: what an own-age reward teaches, and a random choice.
 
-use super::{Policy, best_sub_channel, dbm, transmit};
-use crate::cell::Cell;
+use super::{Policy, below, dbm};
+use crate::decisions::Decisions;
+use crate::environment::Environment;
+use crate::lanes::{LANES, LaneStream, decibels, unit_interval};
 use crate::scenario::Scenario;
-use crate::stream::Stream;
-use firmware::decision::Decision;
-use firmware::units::{Dbm, SUB_CHANNELS};
+use firmware::units::Dbm;
 
 /// Full power on the best sub-channel.
 pub struct Always {
@@ -22,37 +22,67 @@ impl Always {
 }
 
 impl Policy for Always {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        for &vehicle in cell.present() {
-            decisions[vehicle] = transmit(best_sub_channel(cell.gain_db(vehicle)), self.max_power);
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let (gains_db, sub_channels) = (environment.gains_db(), environment.sub_channels());
+        for block in 0..gains_db.blocks() {
+            environment.vectors().run(
+                #[inline(always)]
+                || {
+                    for &vehicle in environment.present() {
+                        let mut best_db = *gains_db.row(block, vehicle * sub_channels);
+                        let mut best = [0_i32; LANES];
+                        for sub_channel in 1..sub_channels {
+                            let gain_db = gains_db.row(block, vehicle * sub_channels + sub_channel);
+                            for lane in 0..LANES {
+                                let better = gain_db[lane] > best_db[lane];
+                                best[lane] = if better { sub_channel as i32 } else { best[lane] };
+                                best_db[lane] = if better { gain_db[lane] } else { best_db[lane] };
+                            }
+                        }
+                        let (sub_channel, power) = decisions.rows_mut(block, vehicle);
+                        *sub_channel = best.map(|best| best as u8);
+                        *power = [self.max_power.to_bits(); LANES];
+                    }
+                },
+            );
         }
     }
 }
 
 /// A uniformly drawn sub-channel and a uniformly drawn power between 0 W and full power.
 pub struct Random {
-    max_power_dbm: f64,
-    stream: Stream,
+    max_power_dbm: f32,
+    /// By block of worlds.
+    streams: Vec<LaneStream>,
 }
 
 impl Random {
     /// Random choices in this scenario.
-    pub fn new(scenario: &Scenario, stream: Stream) -> Self {
+    pub fn new(scenario: &Scenario, streams: Vec<LaneStream>) -> Self {
         Self {
-            max_power_dbm: scenario.radio.max_power_dbm,
-            stream,
+            max_power_dbm: scenario.radio.max_power_dbm as f32,
+            streams,
         }
     }
 }
 
 impl Policy for Random {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        for &vehicle in cell.present() {
-            let sub_channel = self.stream.below(SUB_CHANNELS as u32) as usize;
-            let fraction = f64::from(self.stream.uniform());
-            decisions[vehicle] = transmit(
-                sub_channel,
-                dbm(self.max_power_dbm + 10.0 * libm::log10(fraction)),
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let sub_channels = environment.sub_channels() as u32;
+        for (block, stream) in self.streams.iter_mut().enumerate() {
+            environment.vectors().run(
+                #[inline(always)]
+                || {
+                    for &vehicle in environment.present() {
+                        let (sub_channel, power) = decisions.rows_mut(block, vehicle);
+                        *sub_channel = below(stream.next_row(), sub_channels);
+                        let words = stream.next_row();
+                        for lane in 0..LANES {
+                            let power_dbm = self.max_power_dbm + decibels(unit_interval(words[lane]));
+                            power[lane] = (power_dbm * 256.0).floor() as i16;
+                        }
+                    }
+                },
             );
         }
     }

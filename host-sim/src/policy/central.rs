@@ -1,16 +1,21 @@
 //! The central scheduler: it sees every gain of the slot and every age, which no real base station can.
 
-use super::{Policy, dbm, transmit};
-use crate::cell::Cell;
+use super::{Policy, dbm};
+use crate::decisions::Decisions;
+use crate::environment::Environment;
+use crate::lanes::{LANES, Row};
 use crate::scenario::Scenario;
-use firmware::decision::Decision;
-use firmware::units::{Dbm, SUB_CHANNELS};
+use firmware::units::Dbm;
 
 /// Greedy by age: the oldest vehicle first, on its best free sub-channel that carries C_min, at full power.
 pub struct Central {
     max_power: Dbm,
     required_db: f32,
-    order: Vec<usize>,
+    /// Rank of every present vehicle: the older, then the lower index; 0 once it was served. `[present vehicle]`, of one
+    /// block of worlds.
+    ranks: Vec<Row<u32>>,
+    /// Whether a sub-channel is free. `[sub_channel]`, of one block of worlds.
+    free: Vec<Row<bool>>,
 }
 
 impl Central {
@@ -21,29 +26,76 @@ impl Central {
         Self {
             max_power: dbm(scenario.radio.max_power_dbm),
             required_db: required_db as f32 + 1e-3,
-            order: Vec::new(),
+            ranks: Vec::new(),
+            free: vec![[true; LANES]; scenario.radio.sub_channels as usize],
         }
+    }
+
+    /// Every world's first in rank, whose rank becomes 0; 0 where nobody is left.
+    #[inline(always)]
+    fn take_first(&mut self) -> Row<u32> {
+        let mut first = [0; LANES];
+        for ranks in &self.ranks {
+            for lane in 0..LANES {
+                first[lane] = ranks[lane].max(first[lane]);
+            }
+        }
+        for (lane, &rank) in first.iter().enumerate() {
+            if rank > 0 {
+                self.ranks[index(rank)][lane] = 0;
+            }
+        }
+        first
     }
 }
 
+/// Ages above, then the index from the end.
+const INDEX_BITS: u32 = 16;
+
+fn rank(age: u8, index: usize) -> u32 {
+    u32::from(age) << INDEX_BITS | (u32::from(u16::MAX) - index as u32)
+}
+
+fn index(rank: u32) -> usize {
+    (u32::from(u16::MAX) - (rank & u32::from(u16::MAX))) as usize
+}
+
 impl Policy for Central {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        self.order.clear();
-        self.order.extend(cell.present());
-        // Stable: of equally old vehicles the one with the lower index.
-        self.order
-            .sort_by_key(|&vehicle| std::cmp::Reverse(cell.age(vehicle)));
-        let mut free = [true; SUB_CHANNELS];
-        for &vehicle in &self.order {
-            let gain_db = cell.gain_db(vehicle);
-            let best = (0..SUB_CHANNELS)
-                .filter(|&n| free[n] && gain_db[n] >= self.required_db)
-                .max_by(|&a, &b| gain_db[a].total_cmp(&gain_db[b]));
-            if let Some(best) = best {
-                free[best] = false;
-                decisions[vehicle] = transmit(best, self.max_power);
-                if !free.contains(&true) {
-                    return;
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let (present, sub_channels) = (environment.present(), environment.sub_channels());
+        let (ages, gains_db) = (environment.ages(), environment.gains_db());
+        for block in 0..ages.blocks() {
+            self.ranks.clear();
+            self.ranks
+                .extend(present.iter().enumerate().map(|(index, &vehicle)| {
+                    let ages = ages.row(block, vehicle);
+                    std::array::from_fn(|lane| rank(ages[lane], index))
+                }));
+            self.free.fill([true; LANES]);
+            let lanes = (environment.worlds() - block * LANES).min(LANES);
+            let mut unserved = [sub_channels; LANES];
+            for _ in 0..present.len() {
+                let first = environment.vectors().run(
+                    #[inline(always)]
+                    || self.take_first(),
+                );
+                for lane in 0..lanes {
+                    if unserved[lane] == 0 {
+                        continue;
+                    }
+                    let vehicle = present[index(first[lane])];
+                    let gain_db = |n: usize| gains_db.row(block, vehicle * sub_channels + n)[lane];
+                    let best = (0..sub_channels)
+                        .filter(|&n| self.free[n][lane] && gain_db(n) >= self.required_db)
+                        .max_by(|&a, &b| gain_db(a).total_cmp(&gain_db(b)));
+                    if let Some(best) = best {
+                        self.free[best][lane] = false;
+                        unserved[lane] -= 1;
+                        decisions.transmit(block * LANES + lane, vehicle, best, self.max_power);
+                    }
+                }
+                if unserved[..lanes].iter().all(|&unserved| unserved == 0) {
+                    break;
                 }
             }
         }

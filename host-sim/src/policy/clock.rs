@@ -6,13 +6,14 @@
 //! chosen low so that a vehicle in its turn captures the receiver.
 
 use super::{Policy, power_plan};
-use crate::cell::Cell;
+use crate::decisions::Decisions;
+use crate::environment::Environment;
 use crate::scenario::Scenario;
-use firmware::decision::{Action, Decision, JOINER_LEVELS, PowerPlan};
+use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
 use firmware::observation::Observation;
 use firmware::units::Level;
 
-/// The clock for all vehicles of a cell.
+/// The clock for all vehicles.
 pub struct Clock {
     power_plan: PowerPlan,
     required: Level,
@@ -29,13 +30,15 @@ impl Clock {
 }
 
 impl Policy for Clock {
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]) {
-        for &vehicle in cell.present() {
-            if let Some(measurement) = cell.measurement(vehicle) {
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        for &vehicle in environment.present() {
+            for world in 0..environment.worlds() {
+                let Some(measurement) = environment.measurement(world, vehicle) else {
+                    continue;
+                };
                 let observation = Observation::new(&measurement);
-                decisions[vehicle] = self
-                    .power_plan
-                    .decision(act(&observation, self.required), &observation);
+                let action = act(&observation, self.required);
+                decisions.set(world, vehicle, self.power_plan.decision(action, &observation));
             }
         }
     }

@@ -1,24 +1,25 @@
 //! Who decides: the firmware's actor, simple baselines, and the central scheduler as the bound in practice.
 
-mod actor;
+pub mod actor;
 mod aloha;
 mod always;
 mod central;
 pub mod clock;
 
-use crate::cell::Cell;
+use crate::decisions::Decisions;
+use crate::environment::Environment;
 use crate::error::{Error, Result};
+use crate::lanes::{LANES, LaneStream, Row};
 use crate::scenario::Scenario;
-use crate::stream::{Role, WorldKey};
-use firmware::decision::{Decision, PowerPlan};
+use crate::stream::Role;
+use firmware::decision::PowerPlan;
 use firmware::table::Table;
-use firmware::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
+use firmware::units::{Dbm, Level, SUB_CHANNELS};
 
-/// Decides for all vehicles of one world.
+/// Decides for all vehicles of a batch of worlds.
 pub trait Policy {
-    /// Writes the present vehicles' decisions; `decisions` has one entry for every vehicle that ever appears, all silent
-    /// beforehand.
-    fn decide(&mut self, cell: &Cell<'_>, decisions: &mut [Decision]);
+    /// Writes the present vehicles' decisions, which are all silent beforehand.
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions);
 }
 
 /// The policies by their names.
@@ -102,6 +103,14 @@ impl PolicyName {
                 return Err(Error::input("radio.min_spectral_efficiency", found, expected));
             }
         }
+        let sub_channels = scenario.radio.sub_channels as usize;
+        if self.needs_groups() && sub_channels != SUB_CHANNELS {
+            let expected = format!(
+                "{SUB_CHANNELS}, which units are built for, for policy {}",
+                self.name()
+            );
+            return Err(Error::input("radio.sub_channels", sub_channels, expected));
+        }
         let most = SUB_CHANNELS * 100;
         if self.needs_groups() && vehicles > most {
             let expected = format!("at most {most}: groups of 100 for policy {}", self.name());
@@ -110,21 +119,21 @@ impl PolicyName {
         Ok(())
     }
 
-    /// The policy for one world.
-    pub fn build<'t>(
-        self,
-        scenario: &Scenario,
-        table: &'t Table<'t>,
-        key: &WorldKey,
-    ) -> Box<dyn Policy + 't> {
-        let stream = key.stream(Role::Policy, self as u32);
+    /// The policy for a batch of worlds.
+    pub fn build<'t>(self, environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {
+        let scenario = environment.scenario();
+        let streams = || {
+            let rows = environment.keys().chunks(LANES);
+            rows.map(|keys| LaneStream::new(keys.iter().copied(), Role::Policy, self as u32))
+                .collect()
+        };
         match self {
-            Self::Actor => Box::new(actor::FirmwareActor::new(table, *key)),
+            Self::Actor => actor::build(environment, table),
             Self::Central => Box::new(central::Central::new(scenario)),
             Self::Clock => Box::new(clock::Clock::new(scenario)),
-            Self::AgeThreshold => Box::new(aloha::AgeThreshold::new(scenario, stream)),
-            Self::Aloha => Box::new(aloha::Aloha::new(scenario, stream)),
-            Self::Random => Box::new(always::Random::new(scenario, stream)),
+            Self::AgeThreshold => Box::new(aloha::Aloha::from_age(scenario, streams())),
+            Self::Aloha => Box::new(aloha::Aloha::slotted(scenario, streams())),
+            Self::Random => Box::new(always::Random::new(scenario, streams())),
             Self::Always => Box::new(always::Always::new(scenario)),
         }
     }
@@ -153,15 +162,8 @@ fn dbm(value: f64) -> Dbm {
     Dbm::from_bits((value * 256.0).floor() as i16)
 }
 
-/// A transmission on the sub-channel with this index.
-fn transmit(sub_channel: usize, power: Dbm) -> Decision {
-    match SubChannel::new(sub_channel as u8) {
-        Some(sub_channel) => Decision::Transmit { sub_channel, power },
-        None => Decision::Silent,
-    }
-}
-
-/// The sub-channel with the largest gain.
-fn best_sub_channel(gain_db: &[f32; SUB_CHANNELS]) -> usize {
-    (1..SUB_CHANNELS).fold(0, |best, n| if gain_db[n] > gain_db[best] { n } else { best })
+/// Words as numbers that are uniform on `0..count`.
+#[inline(always)]
+fn below(words: &Row<u32>, count: u32) -> Row<u8> {
+    words.map(|word| ((u64::from(word) * u64::from(count)) >> 32) as u8)
 }

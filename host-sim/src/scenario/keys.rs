@@ -32,7 +32,7 @@ pub const KEYS: &[Key] = &[
     key("cell.base_station_height_m", "m", 0.0, LARGE),
     key("cell.vehicle_height_m", "m", 0.0, LARGE),
     key("radio.carrier_ghz", "GHz", TINY, LARGE),
-    key("radio.sub_channels", "sub-channels", 3.0, 3.0),
+    key("radio.sub_channels", "sub-channels", 1.0, 200.0),
     key("radio.bandwidth_khz", "kHz", TINY, LARGE),
     // Below 1, two vehicles could succeed on one sub-channel at once.
     key("radio.min_spectral_efficiency", "bit/s/Hz", 1.0, 20.0),

@@ -242,8 +242,8 @@ mod tests {
             "radio.max_power_dbm: found inf, expected -100 to 100 dBm"
         );
         assert_eq!(
-            message("radio.sub_channels=4"),
-            "radio.sub_channels: found 4, expected 3 sub-channels"
+            message("radio.sub_channels=201"),
+            "radio.sub_channels: found 201, expected 1 to 200 sub-channels"
         );
         assert_eq!(
             message("radio=4"),

@@ -6,6 +6,7 @@ use crate::run_folder::RunFolder;
 use firmware::table::Table;
 use host_sim::command::options::thread_pool;
 use host_sim::command::run::RunOptions;
+use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName};
 use host_sim::report::ages;
@@ -43,7 +44,9 @@ pub struct Comparison {
 pub fn compare(simulation: &Simulation<'_>, network: &Network, table: &Table<'_>) -> Result<Comparison> {
     let (quantised, _) = simulation.run_policy(PolicyName::Actor, table, |_| ())?;
     let agreement = Agreement::default();
-    let build = |_: &_| -> Box<dyn Policy + '_> { Box::new(FloatActor::new(network, table, &agreement)) };
+    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(FloatActor::new(network, table, &agreement))
+    };
     let (float, _) = simulation.run(build, |_| ())?;
     Ok(Comparison {
         agreement: agreement.fraction().unwrap_or(1.0),

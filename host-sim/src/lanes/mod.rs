@@ -1,0 +1,48 @@
+//! Worlds side by side: a value of [`LANES`] worlds is a row, and every step of the slot loop works on whole rows.
+//!
+//! Rows are plain arrays and loops over them plain Rust, which the compiler turns into vector instructions. [`Vectors`]
+//! chooses the widest unit of the machine at run time. All arithmetic is lane by lane, in the order that the source says:
+//! nothing is fused or reassociated, so every width gives the same bits.
+
+mod logarithm;
+mod power;
+mod random;
+mod rounding;
+mod rows;
+
+pub use logarithm::{decibels, ln};
+pub use power::ratio;
+pub use random::{LaneStream, unit_interval};
+pub use rounding::floor;
+pub use rows::Rows;
+
+/// Worlds of a row (chosen: two to eight vectors of every machine's width).
+pub const LANES: usize = 32;
+
+/// One value in every world of a row.
+pub type Row<T> = [T; LANES];
+
+/// The vector unit that loops over rows are compiled for.
+#[derive(Clone, Copy, Debug)]
+pub struct Vectors(Option<pulp::Arch>);
+
+impl Vectors {
+    /// The widest one that this machine has.
+    pub fn widest() -> Self {
+        Self(Some(pulp::Arch::new()))
+    }
+
+    /// What every machine of the architecture has, for comparison.
+    pub const fn plain() -> Self {
+        Self(None)
+    }
+
+    /// Runs `loops` on it. Whatever `loops` calls has to be inlined to profit.
+    #[inline(always)]
+    pub fn run<R>(self, loops: impl FnOnce() -> R) -> R {
+        match self.0 {
+            Some(architecture) => architecture.dispatch(loops),
+            None => loops(),
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Ratios from dB in single precision that vectorise.
+
+use super::rounding::ROUNDER;
+
+/// log2(10) / 10.
+const OCTAVES_PER_DECIBEL: f32 = 0.332_192_8;
+
+/// The ratio of powers that is `decibels` dB, which are taken to be within -300 and 300.
+///
+/// 10^(dB/10) = 2^n 2^f with f within -1/2 and 1/2; 2^f by its Taylor polynomial of degree 7, which is 1 to 1e-8. Relative error
+/// at most 5e-8 for the polynomial and 4e-8 for each dB of magnitude (`ratio_is_accurate`): 3e-6 at 60 dB, where one
+/// step of the argument is 9e-7.
+#[inline(always)]
+pub fn ratio(decibels: f32) -> f32 {
+    // Not `clamp`, which checks its bounds.
+    let octaves = decibels.max(-300.0).min(300.0) * OCTAVES_PER_DECIBEL;
+    let shifted = octaves + ROUNDER;
+    let x = (octaves - (shifted - ROUNDER)) * std::f32::consts::LN_2;
+    let mut polynomial = 1.0 / 5040.0;
+    for coefficient in [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+        polynomial = polynomial * x + coefficient;
+    }
+    // The lowest bits of the shifted number are the whole number, and become the exponent.
+    let scale = f32::from_bits(shifted.to_bits().wrapping_add(127) << 23);
+    polynomial * scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ratio_is_accurate() {
+        for step in -300 * 1024..=300 * 1024 {
+            let decibels = step as f32 / 1024.0;
+            let exact = libm::exp10(f64::from(decibels) / 10.0);
+            let error = (f64::from(ratio(decibels)) / exact - 1.0).abs();
+            let bound = 2e-7 + 4e-8 * f64::from(decibels.abs());
+            assert!(error <= bound, "ratio of {decibels} dB is {error:e} off");
+        }
+        assert_eq!(ratio(0.0), 1.0);
+        assert!(ratio(f32::INFINITY).is_finite());
+    }
+}
