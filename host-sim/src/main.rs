@@ -28,6 +28,8 @@ enum Command {
     Hil(command::hil::HilArguments),
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
     Deadline(command::deadline::DeadlineArguments),
+    /// How many slots a second the simulator makes on this machine
+    Bench(command::bench::BenchArguments),
     /// Write a scenario with every key, unit, range and source, and its JSON schema
     Init(command::scenario::InitArguments),
     /// What a scenario's keys mean
@@ -39,8 +41,6 @@ enum Command {
         /// Which shell
         shell: clap_complete::Shell,
     },
-    /// How many slots a second the simulator makes on this machine
-    Bench(command::bench::BenchArguments),
 }
 
 fn main() -> ExitCode {
@@ -56,11 +56,11 @@ fn main() -> ExitCode {
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
+        Some(Command::Bench(arguments)) => command::bench::run(&arguments),
         Some(Command::Init(arguments)) => command::scenario::init(&arguments),
         Some(Command::Explain(arguments)) => command::scenario::explain(&arguments),
         Some(Command::Schema) => command::scenario::print_schema(),
         Some(Command::Completions { shell }) => command::print_completions::<CommandLine>(shell),
-        Some(Command::Bench(arguments)) => command::bench::run(&arguments),
     };
     command::finish(outcome)
 }

@@ -6,12 +6,14 @@
 
 mod logarithm;
 mod power;
+mod products;
 mod random;
 mod rounding;
 mod rows;
 
 pub use logarithm::{decibels, ln};
 pub use power::ratio;
+pub use products::{QUAD, pair};
 pub use random::{LaneStream, unit_interval};
 pub use rounding::floor;
 pub use rows::Rows;

@@ -50,7 +50,7 @@ impl LaneActor {
     fn act(&mut self, environment: &Environment<'_>, block: usize, vehicle: usize) -> Row<u8> {
         self.encoder
             .encode(environment, block, vehicle, self.network.inputs());
-        self.network.infer()
+        self.network.infer(environment.vectors())
     }
 }
 

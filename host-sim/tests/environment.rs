@@ -1,0 +1,190 @@
+//! The slot loop for many worlds: the same bytes in every batch and on every vector unit, the firmware's decisions, and no
+//! allocation.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
+
+use firmware::decision::Decision;
+use firmware::table::Table;
+use firmware::unit::{Event, Unit};
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
+use host_sim::lanes::{LANES, Vectors};
+use host_sim::mobility::MobilitySource;
+use host_sim::policy::PolicyName;
+use host_sim::scenario::{Scenario, ScenarioSource};
+use host_sim::simulation::run_slot;
+use host_sim::stream::{Purpose, Role};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::ops::Range;
+
+static SOURCE: MobilitySource = MobilitySource::Grid;
+
+fn scenario(settings: &[&str]) -> Scenario {
+    let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
+    ScenarioSource {
+        settings,
+        ..ScenarioSource::default()
+    }
+    .read()
+    .unwrap()
+}
+
+fn table() -> Table<'static> {
+    Table::parse(firmware::tables::DISTILLED).unwrap()
+}
+
+/// Everything that can be seen of some worlds after some slots, as bits.
+fn seen(environment: &Environment<'_>, worlds: Range<usize>) -> Vec<u32> {
+    let mut seen = Vec::new();
+    for world in worlds {
+        for &vehicle in environment.present() {
+            seen.push(u32::from(environment.age(world, vehicle).slots()));
+            seen.push(u32::from(environment.received(world, vehicle)));
+            for n in 0..environment.sub_channels() {
+                seen.push(environment.gain_db(world, vehicle, n).to_bits());
+                seen.push(environment.interference_db(world, vehicle, n).to_bits());
+            }
+            if let Some(broadcast) = environment.broadcast(world, vehicle) {
+                seen.push(u32::from(broadcast.period.slots()));
+                seen.push(u32::from(broadcast.joiner_probability.code()));
+            }
+        }
+    }
+    seen
+}
+
+fn run<'s>(
+    scenario: &'s Scenario,
+    policy: PolicyName,
+    worlds: Range<u64>,
+    vectors: Vectors,
+) -> Environment<'s> {
+    let table = table();
+    let mut environment = Environment::new(scenario, &SOURCE, 7, Purpose::Evaluation, worlds);
+    environment.set_vectors(vectors);
+    let mut policy = policy.build(&environment, &table);
+    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+    for _ in 0..230 {
+        run_slot(&mut environment, policy.as_mut(), &mut decisions);
+    }
+    environment
+}
+
+#[test]
+fn a_world_does_not_depend_on_its_batch() {
+    let scenario = scenario(&[]);
+    let many = LANES as u64 + 9;
+    for policy in PolicyName::ALL {
+        let batch = run(&scenario, policy, 0..many, Vectors::widest());
+        let alone = run(&scenario, policy, many - 2..many, Vectors::widest());
+        let expected = seen(&batch, many as usize - 2..many as usize);
+        assert_eq!(seen(&alone, 0..2), expected, "{}", policy.name());
+    }
+}
+
+#[test]
+fn every_vector_unit_gives_the_same_bits() {
+    for (settings, policies) in [
+        (&[][..], &PolicyName::ALL[..]),
+        (
+            &["cell.vehicles=37", "radio.sub_channels=11"],
+            &[PolicyName::Central, PolicyName::Aloha, PolicyName::Random],
+        ),
+    ] {
+        let scenario = scenario(settings);
+        for &policy in policies {
+            let worlds = 0..LANES as u64 + 1;
+            let count = LANES + 1;
+            let wide = run(&scenario, policy, worlds.clone(), Vectors::widest());
+            let plain = run(&scenario, policy, worlds, Vectors::plain());
+            assert_eq!(seen(&wide, 0..count), seen(&plain, 0..count), "{}", policy.name());
+        }
+    }
+}
+
+#[test]
+fn the_actor_decides_as_the_firmware_s_units_on_a_million_observations() {
+    let mut observations = 0;
+    for (vehicles, slots) in [(20, 800), (60, 300)] {
+        let scenario = scenario(&[&format!("cell.vehicles={vehicles}")]);
+        let table = table();
+        let worlds = LANES as u64 + 8;
+        let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
+        let mut policy = PolicyName::Actor.build(&environment, &table);
+        let mut noise = PolicyName::Random.build(&environment, &table);
+        let mut units: Vec<Vec<Unit<'_, _>>> = environment
+            .keys()
+            .iter()
+            .map(|key| {
+                let unit = |vehicle| Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle));
+                (0..vehicles).map(unit).collect()
+            })
+            .collect();
+        let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+        let mut transmissions = 0;
+        for slot in 0..slots {
+            decisions.clear();
+            policy.decide(&environment, &mut decisions);
+            for (world, units) in units.iter_mut().enumerate() {
+                for (vehicle, unit) in units.iter_mut().enumerate() {
+                    let measurement = environment.measurement(world, vehicle).unwrap();
+                    let expected = unit.slot(&Event::Measured(measurement)).unwrap().decision;
+                    let found = decisions.get(world, vehicle);
+                    assert_eq!(found, expected, "slot {slot} world {world} vehicle {vehicle}");
+                    transmissions += u64::from(expected != Decision::Silent);
+                    observations += 1;
+                }
+            }
+            // Now and then nobody keeps to the turns, so that all ages, joiners and interferences occur.
+            if slot % 100 >= 90 {
+                noise.decide(&environment, &mut decisions);
+            }
+            environment.step(&decisions);
+        }
+        assert!(transmissions > 10_000, "{transmissions}");
+    }
+    assert!(observations >= 1_000_000, "{observations}");
+}
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counting on each thread.
+struct Counting;
+
+// SAFETY: every call goes to the system's allocator as it came.
+#[expect(unsafe_code, reason = "an allocator cannot be counted otherwise")]
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as the caller promises.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, place: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promises.
+        unsafe { System.dealloc(place, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn no_slot_allocates() {
+    let (scenario, table) = (scenario(&[]), table());
+    for policy in PolicyName::ALL {
+        let mut environment = Environment::new(&scenario, &SOURCE, 1, Purpose::Evaluation, 0..40);
+        let mut policy_of_worlds = policy.build(&environment, &table);
+        let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+        for _ in 0..150 {
+            run_slot(&mut environment, policy_of_worlds.as_mut(), &mut decisions);
+        }
+        let before = ALLOCATIONS.get();
+        for _ in 0..250 {
+            run_slot(&mut environment, policy_of_worlds.as_mut(), &mut decisions);
+        }
+        assert_eq!(ALLOCATIONS.get() - before, 0, "{}", policy.name());
+    }
+}
