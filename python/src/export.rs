@@ -12,7 +12,9 @@ use host_sim::environment::Environment;
 use host_sim::policy::power_plan;
 use host_sim::simulation::Simulation;
 use host_sim::stream::Purpose;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use trainer::command::eval::compare;
@@ -104,7 +106,7 @@ impl FloatNetwork {
     fn quantise(
         &self,
         scenario: &Scenario,
-        calibration: PyReadonlyArray2<'_, i8>,
+        calibration: PyReadonlyArrayDyn<'_, i8>,
         max_vehicles: u16,
         seed: u64,
     ) -> PyResult<Table> {

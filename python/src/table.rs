@@ -6,7 +6,7 @@ use firmware::decision::{ACTIONS, Action};
 use firmware::observation::INPUTS;
 use host_sim::command::options::{parse_table, table_bytes};
 use host_sim::report::files::write_whole;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
@@ -108,35 +108,35 @@ impl Table {
         Ok(self.parse()?.provenance().seed)
     }
 
-    /// The network's outputs.
+    /// The network's outputs for encoded observations.
     ///
-    /// observations: int8 (rows, 20). Returns int32 (rows, 6) in the table's output scale.
-    fn _outputs<'py>(
+    /// observations: int8 (..., 20), in C order. Returns int32 (..., 6) in the table's common output scale.
+    ///
+    /// Raises TypeError for another type, ValueError for another shape.
+    fn outputs<'py>(
         &self,
         py: Python<'py>,
-        observations: PyReadonlyArray2<'py, i8>,
-    ) -> PyResult<Bound<'py, PyArray2<i32>>> {
+        observations: PyReadonlyArrayDyn<'py, i8>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<i32>>> {
         let rows = input_rows(&observations)?;
         let outputs = self.infer_rows(py, rows, |outputs| outputs)?;
-        let shape = (outputs.len(), ACTIONS);
-        let flat: Vec<i32> = outputs.into_iter().flatten().collect();
-        let array = numpy::ndarray::Array2::from_shape_vec(shape, flat);
-        Ok(array
-            .map_err(|error| value_error("observations", error, "rows of 20"))?
-            .into_pyarray(py))
+        let shape = [leading(&observations), &[ACTIONS]].concat();
+        PyArray1::from_vec(py, outputs.into_flattened()).reshape(shape)
     }
 
-    /// What a unit does.
+    /// What units that run this table do.
     ///
-    /// observations: int8 (rows, 20). Returns uint8 (rows,), 0 to 5.
-    fn _act<'py>(
+    /// observations: int8 (..., 20), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
+    ///
+    /// Raises TypeError for another type, ValueError for another shape.
+    fn act<'py>(
         &self,
         py: Python<'py>,
-        observations: PyReadonlyArray2<'py, i8>,
-    ) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        observations: PyReadonlyArrayDyn<'py, i8>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
         let rows = input_rows(&observations)?;
         let actions = self.infer_rows(py, rows, |outputs| Action::from_outputs(&outputs) as u8)?;
-        Ok(actions.into_pyarray(py))
+        PyArray1::from_vec(py, actions).reshape(leading(&observations))
     }
 
     fn __repr__(&self) -> PyResult<String> {
@@ -163,15 +163,26 @@ impl Table {
     }
 }
 
-/// Rows of encoded observations.
+/// Rows of encoded observations, int8 (..., 20).
 ///
 /// # Errors
 /// `ValueError` for rows of another length, or ones that do not lie one behind the other.
-pub fn input_rows<'a>(observations: &'a PyReadonlyArray2<'_, i8>) -> PyResult<&'a [[i8; INPUTS]]> {
-    let (shape, expected) = (observations.shape(), format!("rows of {INPUTS} in C order"));
-    let flat = observations.as_slice().ok().filter(|_| shape[1] == INPUTS);
+pub fn input_rows<'a>(observations: &'a PyReadonlyArrayDyn<'_, i8>) -> PyResult<&'a [[i8; INPUTS]]> {
+    let (shape, expected) = (observations.shape(), format!("(..., {INPUTS}) in C order"));
+    let flat = observations
+        .as_slice()
+        .ok()
+        .filter(|_| shape.last() == Some(&INPUTS));
     let (rows, _) = flat
         .ok_or_else(|| value_error("observations", format!("shape {shape:?}"), expected))?
         .as_chunks::<INPUTS>();
     Ok(rows)
+}
+
+/// The dimensions before the inputs.
+fn leading<'a>(observations: &'a PyReadonlyArrayDyn<'_, i8>) -> &'a [usize] {
+    observations
+        .shape()
+        .split_last()
+        .map_or(&[], |(_, leading)| leading)
 }
