@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv
+from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from ._native import Scenario
 from .batch import ACTIONS, BatchEnvironment, Encoding, Reward, observation_space
@@ -16,7 +16,7 @@ Observations = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
 
 
-class ParallelEnvironment(ParallelEnv[str, NDArray[Any], int]):
+class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
     """One world on the urban grid; agents are called "vehicle_0" and so on, and all of them stay to the episode's end.
 
     Observations are the firmware's 20 inputs, actions its 6 actions, rewards minus an age (see `BatchEnvironment`, whose
@@ -95,7 +95,8 @@ class ParallelEnvironment(ParallelEnv[str, NDArray[Any], int]):
 
     def state(self) -> NDArray[Any]:
         """All agents' observations: int8 or float32 (vehicles, 20)."""
-        return self._batch._observed()[0].copy()
+        state: NDArray[Any] = self._batch._observed()[0].copy()
+        return state
 
     def render(self) -> None:
         """Nothing to see: there are no render modes."""
