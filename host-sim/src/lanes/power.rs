@@ -12,8 +12,7 @@ const OCTAVES_PER_DECIBEL: f32 = 0.332_192_8;
 /// step of the argument is 9e-7.
 #[inline(always)]
 pub fn ratio(decibels: f32) -> f32 {
-    // Not `clamp`, which checks its bounds.
-    let octaves = decibels.max(-300.0).min(300.0) * OCTAVES_PER_DECIBEL;
+    let octaves = decibels.clamp(-300.0, 300.0) * OCTAVES_PER_DECIBEL;
     let shifted = octaves + ROUNDER;
     let x = (octaves - (shifted - ROUNDER)) * std::f32::consts::LN_2;
     let mut polynomial = 1.0 / 5040.0;

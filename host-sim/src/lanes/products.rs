@@ -84,7 +84,7 @@ wide!(
     wide_512,
     pulp::x86::V4,
     std::arch::x86_64::__m512i,
-    { LANES / 16 },
+    LANES / 16,
     avx512f._mm512_set1_epi32,
     avx512f._mm512_add_epi32,
     avx512bw._mm512_madd_epi16
@@ -95,7 +95,7 @@ wide!(
     wide_256,
     pulp::x86::V3,
     std::arch::x86_64::__m256i,
-    { LANES / 8 },
+    LANES / 8,
     avx._mm256_set1_epi32,
     avx2._mm256_add_epi32,
     avx2._mm256_madd_epi16

@@ -92,8 +92,8 @@ impl LaneStream {
             add(&mut self.words[word], &[CONSTANTS[word]; LANES]);
             add(&mut self.words[12 + word], &[counter[word]; LANES]);
         }
-        for (row, key) in self.words[4..12].iter_mut().zip(&self.key) {
-            add(row, key);
+        for word in 0..8 {
+            add(&mut self.words[4 + word], &self.key[word]);
         }
         self.counter += 1;
         self.used = 0;

@@ -1,8 +1,8 @@
 //! The firmware's actor: it decides for a row of worlds at a time, with the bits of the firmware's library.
 //!
-//! The library is the specification: [`observation`] and [`network`] only do the same for many worlds side by side, and
+//! The library is the specification: `observation` and `network` only do the same for many worlds side by side, and
 //! `tests/actor_parity.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so no state
-//! is kept; where a group can be too large for a broadcast, [`units`] decide.
+//! is kept; where a group can be too large for a broadcast, `units` decide.
 
 mod network;
 mod observation;

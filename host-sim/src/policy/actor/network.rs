@@ -80,7 +80,7 @@ impl LaneNetwork {
                 let rows = quad.scaled(vectors, &self.now);
                 for (next, rows) in next.iter_mut().zip(rows.as_chunks::<2>().0) {
                     for lane in 0..LANES {
-                        let clamped = |row: &Row<i32>| row[lane].max(0).min(255);
+                        let clamped = |row: &Row<i32>| row[lane].clamp(0, 255);
                         next[lane] = pair(clamped(&rows[0]), clamped(&rows[1]));
                     }
                 }
@@ -109,10 +109,15 @@ impl Quad {
         let mut rows = self.biases.map(|bias| [bias; LANES]);
         vectors.add_products(&mut rows, &self.weights, activations);
         for (row, &multiplier) in rows.iter_mut().zip(&self.multipliers) {
-            for lane in 0..LANES {
-                let product = i64::from(row[lane]) * i64::from(multiplier);
-                row[lane] = ((product + (1 << 31)) >> 32) as i32;
+            // Two neighbours in 64 bits, each multiplied as its half: no lane has to move.
+            let mut pairs: [i64; LANES / 2] = pulp::cast(*row);
+            let multiplier = i64::from(multiplier);
+            for pair in &mut pairs {
+                let lower = i64::from(*pair as i32) * multiplier + (1 << 31);
+                let upper = (*pair >> 32) * multiplier + (1 << 31);
+                *pair = ((lower as u64) >> 32) as i64 | (upper & !0xffff_ffff);
             }
+            *row = pulp::cast(pairs);
         }
         rows
     }
@@ -128,7 +133,7 @@ fn unpacked(quad: &[u8], biases: &[i32]) -> Quad {
     // weight plus the odd row's.
     let weight = |row: usize, column: usize| {
         let halfword = halfwords[column / 4 * 8 + row / 2 * 4 + column % 4];
-        i32::from(if row % 2 == 0 {
+        i32::from(if row.is_multiple_of(2) {
             (halfword + 128) >> 8
         } else {
             i16::from(halfword as i8)

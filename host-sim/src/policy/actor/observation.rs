@@ -139,13 +139,11 @@ impl Encoder {
     ) -> Row<u32> {
         let mut thinned = [0; LANES];
         for lane in 0..LANES {
-            let difference = (gains[1][lane] - gains[2][lane])
-                .max(-SHARE_RANGE)
-                .min(SHARE_RANGE);
+            let difference = (gains[1][lane] - gains[2][lane]).clamp(-SHARE_RANGE, SHARE_RANGE);
             let share = self.shares[(difference + SHARE_RANGE) as usize];
             let group = (home[lane] as usize).min(SUB_CHANNELS - 1);
             let code = station.joiner_code(block * LANES + lane, group);
-            let quotient = u64::from(share) * u64::from(self.reciprocals[usize::from(code)]) >> 8;
+            let quotient = (u64::from(share) * u64::from(self.reciprocals[usize::from(code)])) >> 8;
             thinned[lane] = quotient.min(1 << 17) as u32;
         }
         thinned
@@ -165,7 +163,7 @@ fn levels(
         let values_db = values_db.row(block, vehicle * SUB_CHANNELS + sub_channel);
         let mut level = [0; LANES];
         for lane in 0..LANES {
-            let steps = (values_db[lane] * 256.0).max(-32_768.0).min(32_767.0);
+            let steps = (values_db[lane] * 256.0).clamp(-32_768.0, 32_767.0);
             level[lane] = floor(steps);
         }
         for (offset, levels) in levels.iter_mut().enumerate() {
@@ -185,5 +183,5 @@ fn flag(condition: bool) -> i8 {
 
 #[inline(always)]
 fn saturated(value: i32) -> i8 {
-    value.max(-128).min(127) as i8
+    value.clamp(-128, 127) as i8
 }
