@@ -51,7 +51,7 @@ pub struct Worlds {
     reward: Reward,
     purpose: Purpose,
     seed: u64,
-    /// The first world of the next reset.
+    /// The first world after the present ones.
     next_world: u64,
     elapsed: u32,
     worlds: usize,
@@ -113,19 +113,21 @@ impl Worlds {
             reward,
             purpose,
             seed,
-            next_world: 0,
+            next_world: worlds as u64,
             elapsed: 0,
             worlds,
             vehicles,
             floats_filled: false,
             measurements_filled: false,
-            // Those of `begin` take their place.
             parts: Parts::new(setting, |Setting { scenario, source }| {
-                let none = || Environment::new(scenario, source, seed, purpose, 0..0);
-                ranges(worlds).map(|_| none()).collect()
+                let part = |range: std::ops::Range<usize>| {
+                    let worlds = range.start as u64..range.end as u64;
+                    Environment::new(scenario, source, seed, purpose, worlds)
+                };
+                ranges(worlds).map(part).collect()
             }),
         };
-        py.detach(|| batch.begin());
+        py.detach(|| batch.run(|_, _| ()));
         Ok(batch)
     }
 
