@@ -226,8 +226,8 @@ class BatchEnvironment:
         return self._batch.interference_db
 
     @property
-    def home_sub_channels(self) -> NDArray[np.uint8]:
-        """The sub-channel of each vehicle's group: uint8 (worlds, vehicles), 0 to 2."""
+    def home_sub_channels(self) -> NDArray[np.int8]:
+        """The sub-channel of each vehicle's group: int8 (worlds, vehicles), 0 to 2; what `transmit` takes."""
         return self._batch.home_sub_channels
 
     @property

@@ -35,7 +35,7 @@ pub struct Arrays {
     /// `[world][vehicle][sub_channel]`, dB over noise.
     pub interference_db: SharedArray<f32>,
     /// `[world][vehicle]`.
-    pub home_sub_channels: SharedArray<u8>,
+    pub home_sub_channels: SharedArray<i8>,
     /// `[world][vehicle]`, slots.
     pub periods: SharedArray<u8>,
     /// `[world][vehicle]`.
@@ -112,7 +112,7 @@ impl Arrays {
                     interference_db[place] = db(environment.interference_db(world, vehicle, sub_channel));
                 }
                 let broadcast = environment.broadcast(world, vehicle).filter(|_| present);
-                home_sub_channels[index] = broadcast.map_or(0, |heard| heard.home.index() as u8);
+                home_sub_channels[index] = broadcast.map_or(0, |heard| heard.home.index() as i8);
                 periods[index] = broadcast.map_or(0, |heard| heard.period.slots());
                 joiner_probabilities[index] = broadcast.map_or(0.0, |heard| {
                     f32::from(heard.joiner_probability.in_256ths()) / 256.0

@@ -48,7 +48,7 @@ def test_a_file_and_a_trace(command_line, tmp_path):
     steps = "".join(
         f'<timestep time="{time}">'
         + "".join(
-            f'<vehicle id="v{v}" x="{300 + 10 * v + time}" y="{600 + 5 * v}"/>' for v in range(time % 2, 6)
+            f'<vehicle id="v{v}" x="{300 + 10 * v + time}" y="{600 + 5 * v}" speed="10"/>' for v in range(time % 2, 6)
         )
         + "</timestep>"
         for time in range(4)
