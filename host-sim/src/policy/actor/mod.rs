@@ -17,7 +17,8 @@ use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
 use firmware::table::Table;
 use firmware::units::{Level, Period};
 use network::LaneNetwork;
-use observation::{Encoder, View};
+pub use observation::Encoder;
+use observation::View;
 
 /// The actor in the way that fits the environment.
 pub fn build<'t>(environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {

@@ -1,0 +1,40 @@
+"""Age-of-information scheduling for connected vehicles, from training to microcontroller.
+
+Vehicles share three radio sub-channels to one base station. In every slot of 1 ms each decides, from what it alone can
+sense, whether and how loudly to send, so that what the base station knows stays fresh.
+
+* `BatchEnvironment`: many worlds at once, numpy arrays that are not copied.
+* `ParallelEnvironment`: one world as a PettingZoo `ParallelEnv`, one agent a vehicle.
+* `evaluate`: a policy on held-out worlds, with the command line's protocol and numbers.
+* `Table`, `export`: the firmware's frozen int8 networks, and how a torch network becomes one.
+* `assign`: static traffic assignment from arrays.
+* `Scenario`: the same presets, files and settings as on the command line.
+
+Everything is computed by the simulator, trainer and firmware library that the command line and the chip run.
+"""
+
+from ._native import Assignment, Evaluation, Scenario, Table
+from .assignment import assign
+from .batch import ACTIONS, INPUTS, ONE, SUB_CHANNELS, BatchEnvironment
+from .evaluation import POLICIES, evaluate
+from .export import Export, export
+from .parallel import ParallelEnvironment, parallel_env
+
+__all__ = [
+    "ACTIONS",
+    "INPUTS",
+    "ONE",
+    "POLICIES",
+    "SUB_CHANNELS",
+    "Assignment",
+    "BatchEnvironment",
+    "Evaluation",
+    "Export",
+    "ParallelEnvironment",
+    "Scenario",
+    "Table",
+    "assign",
+    "evaluate",
+    "export",
+    "parallel_env",
+]

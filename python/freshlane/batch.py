@@ -1,0 +1,241 @@
+"""Many worlds at once: one numpy array for everybody's observation, one for everybody's action."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arguments
+from ._native import Batch, Scenario, Table
+
+INPUTS = 20
+"""Length of an encoded observation."""
+ONE = 64
+"""The int8 code of 1.0 in an observation."""
+ACTIONS = 6
+"""Number of actions: 0 silent, 1 full power on the home sub-channel, 2 to 5 received there at the joiner levels 1 to 4."""
+SUB_CHANNELS = 3
+"""Number of sub-channels."""
+
+Encoding = Literal["int8", "float32"]
+Reward = Literal["own", "team"]
+
+
+def observation_space(encoding: Encoding, *leading: int) -> spaces.Box:
+    """The space of encoded observations: int8 codes, or these over 64 as float32."""
+    if encoding == "int8":
+        return spaces.Box(-128, 127, (*leading, INPUTS), np.int8)
+    if encoding == "float32":
+        return spaces.Box(-2.0, 127 / ONE, (*leading, INPUTS), np.float32)
+    raise ValueError(f'encoding: found "{encoding}", expected "int8", "float32"')
+
+
+class BatchEnvironment:
+    """Many independent worlds of one scenario; in each slot of 1 ms every vehicle of every world decides.
+
+    Worlds are *training* worlds, drawn from streams that no evaluation meets, whatever its seed; `evaluate` alone runs held-out
+    ones. A seed and an order of calls give the same bytes for any number of threads. A reset goes on to worlds that were not
+    seen before; a reset with a seed starts at the first worlds of that seed. All vehicles start at the largest age, 100 slots.
+
+    Arrays are **read-only views of the simulator's own memory**: nothing is copied, and every property gives the same array
+    object for the life of the environment. `observations`, `ages`, `received`, `rewards` and `present` change with every
+    `step`, `transmit` and `reset`; the others (`float_observations` and the raw measurements) when their property is next
+    read. Copy what must outlive the slot, such as `observations.copy()` for a replay buffer. A view keeps its memory alive,
+    also without the environment. Python's lock is released while worlds are stepped; another thread that reads a view
+    meanwhile sees a mixture of two slots.
+
+    Args:
+        scenario: the cell; the paper's by default.
+        worlds: how many.
+        seed: which training worlds.
+        slots: length of an episode in slots, or None for one without end.
+        encoding: what `reset` and `step` return, the firmware's "int8" codes or these over 64 as "float32".
+        reward: "own", minus the vehicle's own age after the slot over 100 slots, or "team", the mean of these in its world.
+        mobility: "grid", or a file of SUMO floating-car data; an absent vehicle's values are 0, its action counts for nothing.
+        threads: worker threads; one a core without it, and with 1 the caller's own.
+
+    Raises:
+        ValueError: an argument out of range, more than 100 vehicles at once, or a file that makes no sense.
+        OSError: a file that cannot be read.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario | None = None,
+        *,
+        worlds: int = 256,
+        seed: int = 0,
+        slots: int | None = 1000,
+        encoding: Encoding = "int8",
+        reward: Reward = "own",
+        mobility: str = "grid",
+        threads: int | None = None,
+    ) -> None:
+        if slots is not None and slots < 1:
+            raise ValueError(f"slots: found {slots}, expected at least 1, or None")
+        single = observation_space(encoding)
+        self._batch = Batch(scenario or Scenario(), mobility, worlds, seed, reward, threads)
+        self._fresh = True
+        self._slots = slots
+        self.encoding: Encoding = encoding
+        self.worlds: int = self._batch.worlds
+        """Number of worlds."""
+        self.vehicles: int = self._batch.vehicles
+        """Number of vehicles that ever appear in a world."""
+        self.single_observation_space: spaces.Box = single
+        """One vehicle's observation: int8 or float32 (20,)."""
+        self.single_action_space: spaces.Discrete[Any] = spaces.Discrete(ACTIONS)
+        """One vehicle's action."""
+        self.observation_space: spaces.Box = observation_space(encoding, self.worlds, self.vehicles)
+        """Everybody's observations: int8 or float32 (worlds, vehicles, 20)."""
+        self.action_space: spaces.MultiDiscrete = spaces.MultiDiscrete(
+            np.full((self.worlds, self.vehicles), ACTIONS)
+        )
+        """Everybody's actions: (worlds, vehicles)."""
+        self._never: NDArray[np.bool_] = np.zeros(self.worlds, np.bool_)
+        self._always: NDArray[np.bool_] = np.ones(self.worlds, np.bool_)
+        for ends in (self._never, self._always):
+            ends.flags.writeable = False
+
+    def reset(self, *, seed: int | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begins an episode in worlds that were not seen before, or with a seed in that seed's first worlds.
+
+        Returns the observations and an empty dictionary.
+        """
+        if seed is not None or not self._fresh:
+            self._batch.reset(seed)
+        self._fresh = False
+        return self._observed(), {}
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Carries out everybody's action and begins the next slot.
+
+        Args:
+            actions: integers from 0 to 5, (worlds, vehicles). uint8 in C order is taken as it is, int64 too.
+
+        Returns:
+            observations (worlds, vehicles, 20); rewards, float32 (worlds, vehicles); terminations, bool (worlds,), always
+            False; truncations, bool (worlds,), True once the episode's slots are over; an empty dictionary.
+
+        Raises:
+            TypeError: actions that are no integers.
+            ValueError: actions of another shape or out of range, or a trace at its end. Nothing is carried out then.
+        """
+        self._batch.step(_arguments.actions(actions))
+        return self._after_slot()
+
+    def transmit(
+        self, sub_channels: ArrayLike, powers_dbm: ArrayLike
+    ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """`step` with free choice of sub-channel and power in place of the firmware's actions.
+
+        Args:
+            sub_channels: integers (worlds, vehicles), 0 to 2, or -1 for silence.
+            powers_dbm: numbers (worlds, vehicles), -100 dBm to the scenario's full power; rounded down to 1/256 dB. Those of
+                silent vehicles mean nothing.
+
+        Raises:
+            TypeError, ValueError: as `step`.
+        """
+        channels = _arguments.array("sub_channels", sub_channels, "iu", "whole numbers such as int8")
+        if channels.size and (channels.min() < -1 or channels.max() >= SUB_CHANNELS):
+            # Before int8 could wrap it.
+            worst = channels.min() if channels.min() < -1 else channels.max()
+            raise ValueError(f"sub_channels: found {worst}, expected -1 (silent) to {SUB_CHANNELS - 1}")
+        powers = _arguments.array("powers_dbm", powers_dbm, "fiu", "numbers such as float32")
+        for name, found in (("sub_channels", channels), ("powers_dbm", powers)):
+            if found.ndim != 2:
+                raise ValueError(f"{name}: found shape {found.shape}, expected (worlds, vehicles)")
+        self._batch.transmit(
+            np.ascontiguousarray(channels, dtype=np.int8), np.ascontiguousarray(powers, dtype=np.float32)
+        )
+        return self._after_slot()
+
+    def check_table(self, table: Table) -> None:
+        """Raises ValueError if the table was made for another power, C_min or for fewer vehicles than these worlds have."""
+        self._batch.check_table(table)
+
+    def _observed(self) -> NDArray[Any]:
+        return self.observations if self.encoding == "int8" else self.float_observations
+
+    def _after_slot(
+        self,
+    ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        self._fresh = False
+        over = self._slots is not None and self._batch.elapsed >= self._slots
+        return self._observed(), self._batch.rewards, self._never, self._always if over else self._never, {}
+
+    @property
+    def elapsed(self) -> int:
+        """Slots since the last reset."""
+        return self._batch.elapsed
+
+    @property
+    def seed(self) -> int:
+        """The seed of the present worlds."""
+        return self._batch.seed
+
+    @property
+    def first_world(self) -> int:
+        """Index of the first of the present worlds; the others follow it."""
+        return self._batch.first_world
+
+    @property
+    def observations(self) -> NDArray[np.int8]:
+        """The firmware's encoded observations: int8 (worlds, vehicles, 20), in steps of 1/64."""
+        return self._batch.observations
+
+    @property
+    def float_observations(self) -> NDArray[np.float32]:
+        """The same over 64: float32 (worlds, vehicles, 20)."""
+        return self._batch.float_observations
+
+    @property
+    def rewards(self) -> NDArray[np.float32]:
+        """Rewards of the last slot: float32 (worlds, vehicles), -1 to -0.01."""
+        return self._batch.rewards
+
+    @property
+    def ages(self) -> NDArray[np.uint8]:
+        """Ages of information at the beginning of the slot: uint8 (worlds, vehicles), 1 to 100 slots of 1 ms."""
+        return self._batch.ages
+
+    @property
+    def received(self) -> NDArray[np.bool_]:
+        """Who was received in the slot before: bool (worlds, vehicles)."""
+        return self._batch.received
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Who is in the cell: bool (vehicles,), the same in every world."""
+        return self._batch.present
+
+    @property
+    def gains_db(self) -> NDArray[np.float32]:
+        """Level at the base station at full power, this slot: float32 (worlds, vehicles, 3), dB over noise."""
+        return self._batch.gains_db
+
+    @property
+    def interference_db(self) -> NDArray[np.float32]:
+        """Noise plus others' power in the slot before: float32 (worlds, vehicles, 3), dB over noise."""
+        return self._batch.interference_db
+
+    @property
+    def home_sub_channels(self) -> NDArray[np.int8]:
+        """The sub-channel of each vehicle's group: int8 (worlds, vehicles), 0 to 2; what `transmit` takes."""
+        return self._batch.home_sub_channels
+
+    @property
+    def periods(self) -> NDArray[np.uint8]:
+        """The broadcast period of each vehicle's group: uint8 (worlds, vehicles), slots."""
+        return self._batch.periods
+
+    @property
+    def joiner_probabilities(self) -> NDArray[np.float32]:
+        """The broadcast joiner probability of each vehicle's group: float32 (worlds, vehicles)."""
+        return self._batch.joiner_probabilities

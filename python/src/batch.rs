@@ -1,0 +1,299 @@
+//! The batch of worlds as a Python class: checks what comes in, hands out the views.
+
+use crate::arrays::Reward;
+use crate::error::{exception, value_error};
+use crate::evaluation::Evaluation;
+use crate::scenario::{Scenario, Setting, names};
+use crate::table::Table;
+use crate::worlds::Worlds;
+use clap::ValueEnum;
+use firmware::decision::Action;
+use firmware::units::SUB_CHANNELS;
+use host_sim::policy::PolicyName;
+use host_sim::simulation::Extent;
+use host_sim::stream::Purpose;
+use numpy::{Element, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use std::fmt::Display;
+
+/// Least power of a transmission in dBm (chosen: nobody hears it, and units can express it).
+const LEAST_POWER_DBM: f64 = -100.0;
+
+/// Worlds that Python steps. `freshlane.BatchEnvironment` is its face and checks types.
+#[pyclass(module = "freshlane._native")]
+pub struct Batch {
+    worlds: Worlds,
+    /// What held-out worlds are run for.
+    extent: Option<Extent>,
+}
+
+/// Actions as people have them: bytes, or the 64-bit integers that arg-max functions give.
+#[derive(FromPyObject)]
+pub enum Actions<'py> {
+    /// uint8.
+    Bytes(PyReadonlyArray2<'py, u8>),
+    /// int64.
+    Words(PyReadonlyArray2<'py, i64>),
+}
+
+#[pymethods]
+impl Batch {
+    /// Training worlds of a seed, before their first slot.
+    #[new]
+    #[pyo3(signature = (scenario, mobility, worlds, seed, reward, threads))]
+    fn new(
+        py: Python<'_>,
+        scenario: &Scenario,
+        mobility: &str,
+        worlds: u32,
+        seed: u64,
+        reward: &str,
+        threads: Option<u16>,
+    ) -> PyResult<Self> {
+        let reward = Reward::from_str(reward, false)
+            .map_err(|_| value_error("reward", format!("\"{reward}\""), names::<Reward>()))?;
+        let setting = Setting::new(scenario, mobility)?;
+        let purpose = Purpose::Training;
+        Ok(Self {
+            worlds: Worlds::new(py, setting, purpose, seed, worlds, reward, threads)?,
+            extent: None,
+        })
+    }
+
+    /// Held-out worlds whose ages are recorded.
+    #[staticmethod]
+    #[pyo3(signature = (scenario, mobility, worlds, slots, warmup, seed, threads))]
+    #[allow(clippy::too_many_arguments, reason = "Python passes keywords")]
+    fn held_out(
+        py: Python<'_>,
+        scenario: &Scenario,
+        mobility: &str,
+        worlds: u32,
+        slots: u32,
+        warmup: u32,
+        seed: u64,
+        threads: Option<u16>,
+    ) -> PyResult<Self> {
+        let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
+        let setting = Setting::new(scenario, mobility)?;
+        let purpose = Purpose::Evaluation;
+        let mut worlds = Worlds::new(py, setting, purpose, seed, worlds, Reward::Own, threads)?;
+        worlds.check_slots(extent.slots_per_world())?;
+        worlds.record(warmup);
+        Ok(Self {
+            worlds,
+            extent: Some(extent),
+        })
+    }
+
+    /// What the recorded slots say; of held-out worlds after all their slots.
+    fn summary(&self, policy: String) -> PyResult<Evaluation> {
+        let elapsed = self.worlds.elapsed();
+        let extent = self.extent.filter(|extent| elapsed == extent.slots_per_world());
+        let unfinished = || {
+            value_error(
+                "summary",
+                format!("slot {elapsed}"),
+                "held-out worlds after all their slots",
+            )
+        };
+        let extent = extent.ok_or_else(unfinished)?;
+        let nobody = || value_error("slots", "no vehicle after warm-up", "at least one");
+        let summary = self.worlds.summary().ok_or_else(nobody)?;
+        let bound_age_ms = self.worlds.bound_age_ms(extent);
+        Ok(Evaluation::new(
+            policy,
+            extent,
+            self.worlds.vehicles(),
+            bound_age_ms,
+            summary,
+        ))
+    }
+
+    /// Begins anew: with the first worlds of another seed, or with the worlds behind the last ones.
+    #[pyo3(signature = (seed = None))]
+    fn reset(&mut self, py: Python<'_>, seed: Option<u64>) -> PyResult<()> {
+        if self.extent.is_some() {
+            return Err(value_error("reset", "held-out worlds", "training worlds"));
+        }
+        py.detach(|| self.worlds.reset(seed));
+        Ok(())
+    }
+
+    /// Carries out actions, uint8 or int64 (worlds, vehicles), and begins the next slot.
+    fn step(&mut self, py: Python<'_>, actions: Actions<'_>) -> PyResult<()> {
+        let actions = match &actions {
+            Actions::Bytes(array) => self.checked_actions(array)?,
+            Actions::Words(array) => self.checked_actions(array)?,
+        };
+        self.worlds.check_slots(self.worlds.elapsed() + 1)?;
+        py.detach(|| self.worlds.act(&actions));
+        Ok(())
+    }
+
+    /// Carries out transmissions: sub-channels, int8 (worlds, vehicles), -1 for silence, and powers in dBm, float32.
+    fn transmit(
+        &mut self,
+        py: Python<'_>,
+        sub_channels: PyReadonlyArray2<'_, i8>,
+        powers_dbm: PyReadonlyArray2<'_, f32>,
+    ) -> PyResult<()> {
+        let sub_channels = self.values("sub_channels", &sub_channels)?;
+        let powers_dbm = self.values("powers_dbm", &powers_dbm)?;
+        self.worlds.check_slots(self.worlds.elapsed() + 1)?;
+        let last = SUB_CHANNELS as i8 - 1;
+        let full_power_dbm = self.worlds.setting().scenario.radio.max_power_dbm;
+        for (index, (&sub_channel, &power_dbm)) in sub_channels.iter().zip(powers_dbm).enumerate() {
+            if !(-1..=last).contains(&sub_channel) {
+                let expected = format!("-1 (silent) to {last}");
+                return Err(value_error(
+                    self.place("sub_channels", index),
+                    sub_channel,
+                    expected,
+                ));
+            }
+            let allowed = LEAST_POWER_DBM..=full_power_dbm;
+            if sub_channel >= 0 && !allowed.contains(&f64::from(power_dbm)) {
+                let expected = format!("{LEAST_POWER_DBM} to {full_power_dbm} dBm");
+                return Err(value_error(self.place("powers_dbm", index), power_dbm, expected));
+            }
+        }
+        py.detach(|| self.worlds.transmit(sub_channels, powers_dbm));
+        Ok(())
+    }
+
+    /// Checks that a table serves these worlds.
+    fn check_table(&self, table: &Table) -> PyResult<()> {
+        let Setting { scenario, source } = self.worlds.setting();
+        let most = source.most_vehicles(scenario);
+        PolicyName::Actor
+            .check(scenario, most, &table.parse()?)
+            .map_err(exception)
+    }
+
+    #[getter]
+    fn worlds(&self) -> usize {
+        self.worlds.worlds()
+    }
+
+    #[getter]
+    fn vehicles(&self) -> usize {
+        self.worlds.vehicles()
+    }
+
+    /// Slots since the last reset.
+    #[getter]
+    fn elapsed(&self) -> u32 {
+        self.worlds.elapsed()
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.worlds.seed()
+    }
+
+    /// Index of the first of the present worlds.
+    #[getter]
+    fn first_world(&self) -> u64 {
+        self.worlds.first_world()
+    }
+
+    #[getter]
+    fn observations(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.observations.view(py)
+    }
+
+    #[getter]
+    fn float_observations(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_float_observations());
+        self.worlds.arrays.float_observations.view(py)
+    }
+
+    #[getter]
+    fn ages(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.ages.view(py)
+    }
+
+    #[getter]
+    fn received(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.received.view(py)
+    }
+
+    #[getter]
+    fn rewards(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.rewards.view(py)
+    }
+
+    #[getter]
+    fn present(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.present.view(py)
+    }
+
+    #[getter]
+    fn gains_db(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.gains_db.view(py)
+    }
+
+    #[getter]
+    fn interference_db(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.interference_db.view(py)
+    }
+
+    #[getter]
+    fn home_sub_channels(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.home_sub_channels.view(py)
+    }
+
+    #[getter]
+    fn periods(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.periods.view(py)
+    }
+
+    #[getter]
+    fn joiner_probabilities(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.joiner_probabilities.view(py)
+    }
+}
+
+impl Batch {
+    /// Actions that exist, `[world][vehicle]`.
+    fn checked_actions<T>(&self, actions: &PyReadonlyArray2<'_, T>) -> PyResult<Vec<Action>>
+    where
+        T: Element + Copy + Display,
+        usize: TryFrom<T>,
+    {
+        let actions = self.values("actions", actions)?;
+        let known = |(index, &number): (usize, &T)| {
+            let action = usize::try_from(number)
+                .ok()
+                .and_then(|number| Action::ALL.get(number));
+            let expected = || format!("0 to {}", Action::ALL.len() - 1);
+            action
+                .copied()
+                .ok_or_else(|| value_error(self.place("actions", index), number, expected()))
+        };
+        actions.iter().enumerate().map(known).collect()
+    }
+
+    /// The values of an array (worlds, vehicles).
+    fn values<'a, T: Element>(&self, name: &str, array: &'a PyReadonlyArray2<'_, T>) -> PyResult<&'a [T]> {
+        let (shape, expected) = (array.shape(), [self.worlds.worlds(), self.worlds.vehicles()]);
+        if shape != expected {
+            let text = |shape: &[usize]| format!("shape ({}, {})", shape[0], shape[1]);
+            return Err(value_error(name, text(shape), text(&expected)));
+        }
+        let values = array.as_slice();
+        values.map_err(|error| value_error(name, error, "an array in C order"))
+    }
+
+    /// An element's name in errors.
+    fn place(&self, name: &str, index: usize) -> String {
+        let vehicles = self.worlds.vehicles();
+        format!("{name}[{}, {}]", index / vehicles, index % vehicles)
+    }
+}

@@ -1,0 +1,148 @@
+//! The held-out protocol: the same worlds, and the same numbers, as the command line's.
+
+use crate::error::{check_range, exception, value_error};
+use crate::scenario::{Scenario, Setting, names};
+use crate::table::Table;
+use clap::ValueEnum;
+use host_sim::age::AgeSummary;
+use host_sim::command::options::thread_pool;
+use host_sim::policy::PolicyName;
+use host_sim::simulation::{Extent, Simulation};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+
+/// Ages of a policy on held-out worlds. One slot is 1 ms.
+#[pyclass(frozen, get_all, module = "freshlane")]
+pub struct Evaluation {
+    /// The policy's name.
+    policy: String,
+    /// How many vehicles ever appear in a world.
+    vehicles: usize,
+    /// Independent worlds.
+    worlds: u32,
+    /// Slots that count.
+    slots: u32,
+    /// Slots before them.
+    warmup: u32,
+    /// Seed of the worlds.
+    seed: u64,
+    /// Mean age of an ideal schedule on a channel that never fades.
+    bound_age_ms: f64,
+    /// Mean over worlds of the mean over vehicles and slots.
+    mean_age_ms: f64,
+    /// Half the width of its 95 % interval over worlds (Student's t); None for a single world.
+    mean_age_ci95_ms: Option<f64>,
+    /// Median over worlds of their means.
+    median_world_age_ms: f64,
+    /// 99th percentile over all vehicle-slots.
+    p99_age_ms: f64,
+    /// Mean over vehicles and the first 100 slots.
+    first100_age_ms: f64,
+    /// Successful transmissions a slot.
+    success_per_slot: f64,
+    /// Fraction of vehicle-slots at each age: float64 (101,), index 0 unused.
+    distribution: Py<PyArray1<f64>>,
+    /// Mean age after each of the first 300 slots, in ms: float64.
+    start_ms: Py<PyArray1<f64>>,
+}
+
+impl Evaluation {
+    /// A summary with what it is of.
+    pub fn new(policy: String, extent: Extent, vehicles: usize, bound_age_ms: f64, ages: AgeSummary) -> Self {
+        let Extent {
+            seed,
+            worlds,
+            slots,
+            warmup,
+        } = extent;
+        let (distribution, start_ms) = Python::attach(|py| {
+            let array = |values: &[f64]| PyArray1::from_slice(py, values).unbind();
+            (array(&ages.distribution), array(&ages.start_ms))
+        });
+        Self {
+            policy,
+            vehicles,
+            worlds,
+            slots,
+            warmup,
+            seed,
+            bound_age_ms,
+            mean_age_ms: ages.mean_ms,
+            mean_age_ci95_ms: ages.ci95_ms,
+            median_world_age_ms: ages.median_world_ms,
+            p99_age_ms: ages.p99_ms,
+            first100_age_ms: ages.first100_ms,
+            success_per_slot: ages.success_per_slot,
+            distribution,
+            start_ms,
+        }
+    }
+}
+
+#[pymethods]
+impl Evaluation {
+    fn __repr__(&self) -> String {
+        let interval = self
+            .mean_age_ci95_ms
+            .map_or(String::new(), |half| format!(" +- {half:.3}"));
+        format!(
+            "<Evaluation: {} {:.3}{interval} ms, {} vehicles, {} worlds x {} slots after {}, seed {}>",
+            self.policy, self.mean_age_ms, self.vehicles, self.worlds, self.slots, self.warmup, self.seed
+        )
+    }
+}
+
+/// How much is simulated, within the command line's limits.
+///
+/// # Errors
+/// `ValueError` with the number out of range.
+pub fn extent(worlds: u32, slots: u32, warmup: u32, seed: u64) -> PyResult<Extent> {
+    check_range("worlds", worlds.into(), 1, 1_000_000)?;
+    check_range("slots", slots.into(), 1, 100_000_000)?;
+    check_range("warmup", warmup.into(), 0, 100_000_000)?;
+    Ok(Extent {
+        seed,
+        worlds,
+        slots,
+        warmup,
+    })
+}
+
+/// Runs one of the simulator's own policies; "actor" takes the table.
+#[pyfunction]
+#[pyo3(signature = (policy, table, scenario, mobility, worlds, slots, warmup, seed, threads))]
+#[allow(clippy::too_many_arguments, reason = "Python passes keywords")]
+pub fn evaluate_policy(
+    py: Python<'_>,
+    policy: &str,
+    table: &Table,
+    scenario: &Scenario,
+    mobility: &str,
+    worlds: u32,
+    slots: u32,
+    warmup: u32,
+    seed: u64,
+    threads: Option<u16>,
+) -> PyResult<Evaluation> {
+    let name = PolicyName::from_str(policy, false)
+        .map_err(|_| value_error("policy", format!("\"{policy}\""), names::<PolicyName>()))?;
+    let extent = extent(worlds, slots, warmup, seed)?;
+    let setting = Setting::new(scenario, mobility)?;
+    let table = table.parse()?;
+    let pool = thread_pool(threads).map_err(exception)?;
+    let simulation = Simulation {
+        scenario: &setting.scenario,
+        source: &setting.source,
+        extent,
+    };
+    let run = || simulation.run_policy(name, &table, |_| ());
+    let (ages, _) = py.detach(|| pool.install(run)).map_err(exception)?;
+    let vehicles = setting.source.vehicles(&setting.scenario);
+    Ok(Evaluation::new(
+        name.name().to_owned(),
+        extent,
+        vehicles,
+        simulation.bound_age_ms(),
+        ages,
+    ))
+}

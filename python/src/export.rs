@@ -1,0 +1,204 @@
+//! A float network as a firmware table, through the trainer's quantiser, and how far the two agree.
+
+use crate::error::{check_range, exception, value_error};
+use crate::scenario::{Scenario, Setting};
+use crate::table::{Table, input_rows};
+use firmware::decision::ACTIONS;
+use firmware::observation::{INPUTS, Observation};
+use firmware::table::{MAX_LAYERS, Provenance};
+use host_sim::command::options::thread_pool;
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
+use host_sim::policy::power_plan;
+use host_sim::simulation::Simulation;
+use host_sim::stream::Purpose;
+use numpy::{
+    IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use trainer::command::eval::compare;
+use trainer::distil::{as_float, best_action};
+use trainer::export::{Header, table_bytes};
+use trainer::laboratory::actors::{ActorForm, Actors};
+use trainer::laboratory::forms::{ObservationForm, OutputForm};
+use trainer::network::{Layer, Network};
+use trainer::quantise::quantise;
+
+/// Worlds and slots that calibrate activations (chosen: about a quarter of a million observations of 20 vehicles).
+const CALIBRATION_WORLDS: u64 = 32;
+const CALIBRATION_SLOTS: u32 = 400;
+
+/// Dense layers with ReLU between them, in f32.
+#[pyclass(frozen, module = "freshlane._native")]
+pub struct FloatNetwork {
+    inner: Network,
+}
+
+#[pymethods]
+impl FloatNetwork {
+    /// Weights, float32 (outputs, inputs), and biases, float32 (outputs,), of each layer from the input on.
+    #[new]
+    fn new(layers: Vec<(PyReadonlyArray2<'_, f32>, PyReadonlyArray1<'_, f32>)>) -> PyResult<Self> {
+        if layers.is_empty() || layers.len() > MAX_LAYERS {
+            let expected = format!("1 to {MAX_LAYERS} layers");
+            return Err(value_error(
+                "network",
+                format!("{} layers", layers.len()),
+                expected,
+            ));
+        }
+        let mut inner = Network { layers: Vec::new() };
+        let mut inputs = INPUTS;
+        for (index, (weights, biases)) in layers.iter().enumerate() {
+            let &[outputs, columns] = weights.shape() else {
+                continue;
+            };
+            let place = format!("network: layer {index}");
+            if columns != inputs {
+                return Err(value_error(place, format!("{columns} inputs"), inputs));
+            }
+            if biases.shape() != [outputs] {
+                return Err(value_error(
+                    place,
+                    format!("{} biases", biases.shape()[0]),
+                    outputs,
+                ));
+            }
+            if index + 1 == layers.len() && outputs != ACTIONS {
+                return Err(value_error(
+                    place,
+                    format!("{outputs} outputs"),
+                    format!("{ACTIONS}, one an action"),
+                ));
+            }
+            let weights = weights.as_array();
+            inner.layers.push(Layer {
+                inputs,
+                outputs,
+                weights: weights.t().iter().copied().collect(),
+                biases: biases.as_array().iter().copied().collect(),
+            });
+            inputs = outputs;
+        }
+        Ok(Self { inner })
+    }
+
+    /// Encoded observations of training worlds in which this network decides, int8 (rows, 20).
+    fn calibration<'py>(
+        &self,
+        py: Python<'py>,
+        scenario: &Scenario,
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyArray2<i8>>> {
+        let setting = Setting::new(scenario, "grid")?;
+        let watched: Vec<Vec<[i8; INPUTS]>> = py.detach(|| {
+            let worlds = (0..CALIBRATION_WORLDS).into_par_iter();
+            worlds.map(|world| self.watch(&setting, seed, world)).collect()
+        });
+        let flat: Vec<i8> = watched.into_iter().flatten().flatten().collect();
+        let shape = (flat.len() / INPUTS, INPUTS);
+        let rows = numpy::ndarray::Array2::from_shape_vec(shape, flat);
+        Ok(rows
+            .map_err(|error| value_error("calibration", error, "rows of 20"))?
+            .into_pyarray(py))
+    }
+
+    /// The firmware's table, its activations calibrated on these observations, int8 (rows, 20).
+    fn quantise(
+        &self,
+        scenario: &Scenario,
+        calibration: PyReadonlyArrayDyn<'_, i8>,
+        max_vehicles: u16,
+        seed: u64,
+    ) -> PyResult<Table> {
+        check_range("max_vehicles", max_vehicles.into(), 1, 300)?;
+        let refuse = |error: String| value_error("network", error, "one that the table's integers can hold");
+        let quantised =
+            quantise(&self.inner, input_rows(&calibration)?).map_err(|error| refuse(error.to_string()))?;
+        let scenario = &scenario.inner;
+        let header = Header {
+            max_vehicles,
+            required_sinr: scenario.radio.required_level(),
+            power_plan: power_plan(scenario),
+            // Trained elsewhere: no revision of these sources says how.
+            provenance: Provenance {
+                seed,
+                revision: [0; 20],
+                modified: false,
+            },
+        };
+        let bytes = table_bytes(&quantised, &header).map_err(|error| refuse(error.to_string()))?;
+        Table::checked(bytes, None)
+    }
+
+    /// On held-out worlds: the fraction of decisions on which float and int8 agree along the float network's trajectories, the
+    /// mean age in ms with int8, and with float.
+    #[allow(clippy::too_many_arguments, reason = "Python passes keywords")]
+    #[pyo3(signature = (table, scenario, worlds, slots, warmup, seed, threads))]
+    fn compare(
+        &self,
+        py: Python<'_>,
+        table: &Table,
+        scenario: &Scenario,
+        worlds: u32,
+        slots: u32,
+        warmup: u32,
+        seed: u64,
+        threads: Option<u16>,
+    ) -> PyResult<(f64, f64, f64)> {
+        let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
+        let setting = Setting::new(scenario, "grid")?;
+        let simulation = Simulation {
+            scenario: &setting.scenario,
+            source: &setting.source,
+            extent,
+        };
+        let table = table.parse()?;
+        let pool = thread_pool(threads).map_err(exception)?;
+        let vehicles = u32::from(table.max_vehicles());
+        let actors = Actors {
+            form: ActorForm {
+                observation: ObservationForm::Firmware,
+                output: OutputForm::Actions,
+                min_vehicles: 1,
+                max_vehicles: vehicles,
+            },
+            networks: vec![self.inner.clone()],
+        };
+        let compared = py.detach(|| pool.install(|| compare(&simulation, &actors, &[table])));
+        let compared = compared.map_err(exception)?;
+        Ok((
+            compared.agreement,
+            compared.quantised_age_ms,
+            compared.float_age_ms,
+        ))
+    }
+}
+
+impl FloatNetwork {
+    /// What the network sees in a training world in which it decides.
+    fn watch(&self, setting: &Setting, seed: u64, world: u64) -> Vec<[i8; INPUTS]> {
+        let Setting { scenario, source } = setting;
+        let worlds = world..world + 1;
+        let mut environment = Environment::new(scenario, source, seed, Purpose::Training, worlds);
+        let (required, plan) = (scenario.radio.required_level(), power_plan(scenario));
+        let mut decisions = Decisions::new(1, environment.vehicles());
+        let mut inputs = Vec::new();
+        for _ in 0..CALIBRATION_SLOTS {
+            decisions.clear();
+            for &vehicle in environment.present() {
+                let Some(measurement) = environment.measurement(0, vehicle) else {
+                    continue;
+                };
+                let observation = Observation::new(&measurement);
+                let input = observation.encode(required);
+                inputs.push(input);
+                let action = best_action(&self.inner.forward(&as_float(&input)));
+                decisions.set(0, vehicle, plan.decision(action, &observation));
+            }
+            environment.step(&decisions);
+        }
+        inputs
+    }
+}

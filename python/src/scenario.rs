@@ -1,0 +1,97 @@
+//! Scenarios: the same presets, files and settings as on the command line.
+
+use crate::error::{exception, value_error};
+use clap::ValueEnum;
+use host_sim::mobility::MobilitySource;
+use host_sim::scenario::{self, Key, Preset, ScenarioSource, nearest_key};
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+
+/// A checked scenario: who is in the cell, its radio, its streets.
+///
+/// A preset ("paper" or "companion"), then a TOML file that may change some of its keys, then single settings such as
+/// {"cell.vehicles": 40}. Keys, units and ranges are those of `host-sim explain`.
+///
+/// Raises ValueError for an unknown preset or key (the nearest key is named) and for a value out of range, OSError for a file
+/// that cannot be read.
+#[pyclass(frozen, eq, module = "freshlane")]
+#[derive(Clone, PartialEq)]
+pub struct Scenario {
+    pub(crate) inner: scenario::Scenario,
+}
+
+#[pymethods]
+impl Scenario {
+    #[new]
+    #[pyo3(signature = (preset = "paper", *, file = None, settings = None))]
+    fn new(preset: &str, file: Option<PathBuf>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let preset = Preset::from_str(preset, false)
+            .map_err(|_| value_error("preset", format!("\"{preset}\""), names::<Preset>()))?;
+        let mut lines = Vec::new();
+        for (key, value) in settings.into_iter().flatten() {
+            lines.push(format!("{}={}", key.extract::<String>()?, value.str()?));
+        }
+        let source = ScenarioSource {
+            preset,
+            file,
+            settings: lines,
+        };
+        let inner = source.read().map_err(exception)?;
+        Ok(Self { inner })
+    }
+
+    /// The value of a key such as "cell.vehicles".
+    ///
+    /// Raises KeyError for an unknown key and names the nearest one.
+    fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
+        let Some(known) = Key::find(key) else {
+            let message = format!("{key}: found an unknown key, expected {}", nearest_key(key));
+            return Err(PyKeyError::new_err(message));
+        };
+        let (section, name) = known.parts();
+        self.to_dict(py)?.get_item(section)?.get_item(name)
+    }
+
+    /// Every key's value: {section: {key: value}}.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let text = serde_json::to_string(&self.inner)
+            .map_err(|error| value_error("scenario", error, "values that JSON can hold"))?;
+        py.import("json")?.call_method1("loads", (text,))
+    }
+
+    fn __repr__(&self) -> String {
+        let scenario::Scenario { cell, radio, .. } = &self.inner;
+        format!(
+            "<Scenario: {} vehicles, {} sub-channels, {} dBm, C_min {} bit/s/Hz>",
+            cell.vehicles, radio.sub_channels, radio.max_power_dbm, radio.min_spectral_efficiency
+        )
+    }
+}
+
+/// What worlds are made of: the cell, and what moves its vehicles.
+pub struct Setting {
+    pub scenario: scenario::Scenario,
+    pub source: MobilitySource,
+}
+
+impl Setting {
+    /// A scenario with "grid" or a file of SUMO floating-car data.
+    ///
+    /// # Errors
+    /// What is wrong with the file, or a trace that never comes near the base station.
+    pub fn new(scenario: &Scenario, mobility: &str) -> PyResult<Self> {
+        let scenario = scenario.inner.clone();
+        let source = MobilitySource::read(mobility).map_err(exception)?;
+        source.check_places(&scenario).map_err(exception)?;
+        Ok(Self { scenario, source })
+    }
+}
+
+/// The names of an enumeration's values, for errors.
+pub fn names<E: ValueEnum>() -> String {
+    let values = E::value_variants().iter().filter_map(E::to_possible_value);
+    let names: Vec<String> = values.map(|value| format!("\"{}\"", value.get_name())).collect();
+    names.join(", ")
+}

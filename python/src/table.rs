@@ -1,0 +1,195 @@
+//! Firmware tables: the shipped one, or one from a file; what they decide.
+
+use crate::error::{exception, value_error};
+use firmware::actor::Actor;
+use firmware::decision::{ACTIONS, Action};
+use firmware::observation::INPUTS;
+use host_sim::command::options::{parse_table, table_bytes};
+use host_sim::report::files::write_whole;
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use std::path::PathBuf;
+
+/// A frozen int8 network with its header, as a unit runs it.
+#[pyclass(frozen, eq, module = "freshlane")]
+#[derive(Clone)]
+pub struct Table {
+    bytes: Vec<u8>,
+    /// Where it was read, for errors.
+    path: Option<PathBuf>,
+}
+
+impl PartialEq for Table {
+    /// The same bytes, wherever they were read.
+    fn eq(&self, other: &Self) -> bool {
+        self.bytes == other.bytes
+    }
+}
+
+impl Table {
+    /// Checks the bytes and keeps them.
+    ///
+    /// # Errors
+    /// `ValueError` with the field that does not fit.
+    pub fn checked(bytes: Vec<u8>, path: Option<PathBuf>) -> PyResult<Self> {
+        let table = Self { bytes, path };
+        let _ = table.parse()?;
+        Ok(table)
+    }
+
+    /// The table in place.
+    ///
+    /// # Errors
+    /// None for a table that was [checked](Self::checked).
+    pub fn parse(&self) -> PyResult<firmware::table::Table<'_>> {
+        parse_table(self.path.as_deref(), &self.bytes).map_err(exception)
+    }
+}
+
+#[pymethods]
+impl Table {
+    /// The table that the firmware's image carries.
+    #[staticmethod]
+    fn shipped() -> PyResult<Self> {
+        Self::checked(firmware::tables::DISTILLED.to_vec(), None)
+    }
+
+    /// The table in a file.
+    ///
+    /// Raises OSError for a file that cannot be read, ValueError with the field for one that is no table of this firmware.
+    #[staticmethod]
+    fn read(path: PathBuf) -> PyResult<Self> {
+        let bytes = table_bytes(Some(&path)).map_err(exception)?;
+        Self::checked(bytes, Some(path))
+    }
+
+    /// The table in these bytes.
+    ///
+    /// Raises ValueError with the field for bytes that are no table of this firmware.
+    #[staticmethod]
+    fn from_bytes(data: Vec<u8>) -> PyResult<Self> {
+        Self::checked(data, Some(PathBuf::from("data")))
+    }
+
+    /// Writes the table to a file, whole or not at all.
+    fn write(&self, path: PathBuf) -> PyResult<()> {
+        write_whole(&path, &self.bytes).map_err(exception)
+    }
+
+    /// The table's bytes.
+    fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.bytes)
+    }
+
+    /// Inputs, then each layer's outputs.
+    #[getter]
+    fn widths(&self) -> PyResult<Vec<usize>> {
+        let table = self.parse()?;
+        let inputs = table.network().layers().next().map(|layer| layer.inputs_len());
+        let outputs = table.network().layers().map(|layer| layer.outputs_len());
+        Ok(inputs.into_iter().chain(outputs).collect())
+    }
+
+    /// The most vehicles in a cell that it serves.
+    #[getter]
+    fn max_vehicles(&self) -> PyResult<u16> {
+        Ok(self.parse()?.max_vehicles())
+    }
+
+    /// Full power in dBm.
+    #[getter]
+    fn max_power_dbm(&self) -> PyResult<f64> {
+        Ok(self.parse()?.power_plan().max_power.value().to_num())
+    }
+
+    /// Level in dB over noise at which a lone transmission succeeds.
+    #[getter]
+    fn required_sinr_db(&self) -> PyResult<f64> {
+        Ok(self.parse()?.required_sinr().to_num())
+    }
+
+    /// The seed that it was trained with.
+    #[getter]
+    fn seed(&self) -> PyResult<u64> {
+        Ok(self.parse()?.provenance().seed)
+    }
+
+    /// The network's outputs for encoded observations.
+    ///
+    /// observations: int8 (..., 20), in C order. Returns int32 (..., 6) in the table's common output scale.
+    ///
+    /// Raises TypeError for another type, ValueError for another shape.
+    fn outputs<'py>(
+        &self,
+        py: Python<'py>,
+        observations: PyReadonlyArrayDyn<'py, i8>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<i32>>> {
+        let rows = input_rows(&observations)?;
+        let outputs = self.infer_rows(py, rows, |outputs| outputs)?;
+        let shape = [leading(&observations), &[ACTIONS]].concat();
+        PyArray1::from_vec(py, outputs.into_flattened()).reshape(shape)
+    }
+
+    /// What units that run this table do.
+    ///
+    /// observations: int8 (..., 20), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
+    ///
+    /// Raises TypeError for another type, ValueError for another shape.
+    fn act<'py>(
+        &self,
+        py: Python<'py>,
+        observations: PyReadonlyArrayDyn<'py, i8>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+        let rows = input_rows(&observations)?;
+        let actions = self.infer_rows(py, rows, |outputs| Action::from_outputs(&outputs) as u8)?;
+        PyArray1::from_vec(py, actions).reshape(leading(&observations))
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        let widths: Vec<String> = self.widths()?.iter().map(usize::to_string).collect();
+        let (widths, vehicles) = (widths.join("-"), self.max_vehicles()?);
+        Ok(format!(
+            "<Table: {widths}, {} bytes, up to {vehicles} vehicles, seed {}>",
+            self.bytes.len(),
+            self.seed()?
+        ))
+    }
+}
+
+impl Table {
+    /// Runs the network on every row, without Python meanwhile.
+    fn infer_rows<T: Send>(
+        &self,
+        py: Python<'_>,
+        rows: &[[i8; INPUTS]],
+        result: impl Fn([i32; ACTIONS]) -> T + Send + Sync,
+    ) -> PyResult<Vec<T>> {
+        let mut actor = Actor::new(self.parse()?);
+        Ok(py.detach(|| rows.iter().map(|row| result(actor.infer(row))).collect()))
+    }
+}
+
+/// Rows of encoded observations, int8 (..., 20).
+///
+/// # Errors
+/// `ValueError` for rows of another length, or ones that do not lie one behind the other.
+pub fn input_rows<'a>(observations: &'a PyReadonlyArrayDyn<'_, i8>) -> PyResult<&'a [[i8; INPUTS]]> {
+    let (shape, expected) = (observations.shape(), format!("(..., {INPUTS}) in C order"));
+    let flat = observations
+        .as_slice()
+        .ok()
+        .filter(|_| shape.last() == Some(&INPUTS));
+    let (rows, _) = flat
+        .ok_or_else(|| value_error("observations", format!("shape {shape:?}"), expected))?
+        .as_chunks::<INPUTS>();
+    Ok(rows)
+}
+
+/// The dimensions before the inputs.
+fn leading<'a>(observations: &'a PyReadonlyArrayDyn<'_, i8>) -> &'a [usize] {
+    observations
+        .shape()
+        .split_last()
+        .map_or(&[], |(_, leading)| leading)
+}

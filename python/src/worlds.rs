@@ -1,0 +1,351 @@
+//! A batch of worlds that Python steps: the simulator's environments in parts, one part a task of the thread pool.
+
+use crate::arrays::{Arrays, Part, Reward};
+use crate::error::{check_range, exception, value_error};
+use crate::scenario::Setting;
+use firmware::decision::{Action, PowerPlan};
+use firmware::observation::Observation;
+use firmware::table::Table;
+use firmware::units::{Dbm, Period};
+use host_sim::age::{AgeCounter, AgeSummary};
+use host_sim::command::options::thread_pool;
+use host_sim::decisions::Decisions;
+use host_sim::environment::Environment;
+use host_sim::lanes::LANES;
+use host_sim::mobility::MobilitySource;
+use host_sim::policy::actor::Encoder;
+use host_sim::policy::{PolicyName, power_plan};
+use host_sim::simulation::{Extent, Simulation};
+use host_sim::stream::Purpose;
+use pyo3::prelude::*;
+use rayon::prelude::*;
+use self_cell::self_cell;
+
+/// Worlds of a part: one row, the least that the simulator does at once.
+const PART_WORLDS: usize = LANES;
+
+/// Environments of a setting, one a part.
+type Environments<'s> = Vec<Environment<'s>>;
+
+self_cell!(
+    struct Parts {
+        owner: Setting,
+        #[not_covariant]
+        dependent: Environments,
+    }
+);
+
+/// Many worlds of one scenario, slot by slot, and the arrays that show them.
+pub struct Worlds {
+    parts: Parts,
+    /// What Python sees.
+    pub arrays: Arrays,
+    /// One a part.
+    decisions: Vec<Decisions>,
+    /// Ages of recorded worlds, one a part.
+    counters: Vec<AgeCounter>,
+    /// None for one thread, which is the caller's.
+    pool: Option<rayon::ThreadPool>,
+    encoder: Encoder,
+    power_plan: PowerPlan,
+    reward: Reward,
+    purpose: Purpose,
+    seed: u64,
+    /// The first world after the present ones.
+    next_world: u64,
+    elapsed: u32,
+    worlds: usize,
+    vehicles: usize,
+    /// Whether the floats, and the measurements, are the present slot's.
+    floats_filled: bool,
+    measurements_filled: bool,
+}
+
+/// A part with its share of everything that a step writes.
+struct Task<'a, 's> {
+    /// Index of its first world in the batch.
+    first: usize,
+    environment: &'a mut Environment<'s>,
+    decisions: &'a mut Decisions,
+    counter: Option<&'a mut AgeCounter>,
+    arrays: Part<'a>,
+}
+
+impl Worlds {
+    /// The first worlds of a seed before their first slot; `threads` is one a core without a number.
+    ///
+    /// # Errors
+    /// `ValueError` for more vehicles than a group's broadcast serves, for other than three sub-channels, and for what does not
+    /// fit the memory.
+    pub fn new(
+        py: Python<'_>,
+        setting: Setting,
+        purpose: Purpose,
+        seed: u64,
+        worlds: u32,
+        reward: Reward,
+        threads: Option<u16>,
+    ) -> PyResult<Self> {
+        check_range("worlds", worlds.into(), 1, 1_000_000)?;
+        let worlds = worlds as usize;
+        let Setting { scenario, source } = &setting;
+        let shipped = Table::parse(firmware::tables::DISTILLED);
+        let shipped = shipped.map_err(|error| value_error("built-in table", error, "a table"))?;
+        // As the clock, agents need the base station's groups, and all of them a broadcast.
+        let most = source.most_vehicles(scenario);
+        PolicyName::Clock
+            .check(scenario, most, &shipped)
+            .map_err(exception)?;
+        check_range("vehicles", most as u64, 1, Period::MAX.into())?;
+        let vehicles = source.vehicles(scenario);
+        let decisions = ranges(worlds).map(|part| Decisions::new(part.len(), vehicles));
+        let own_pool = threads != Some(1);
+        let mut batch = Self {
+            arrays: Arrays::zeros(py, worlds, vehicles)?,
+            decisions: decisions.collect(),
+            counters: Vec::new(),
+            pool: own_pool
+                .then(|| thread_pool(threads))
+                .transpose()
+                .map_err(exception)?,
+            encoder: Encoder::new(scenario.radio.required_level()),
+            power_plan: power_plan(scenario),
+            reward,
+            purpose,
+            seed,
+            next_world: worlds as u64,
+            elapsed: 0,
+            worlds,
+            vehicles,
+            floats_filled: false,
+            measurements_filled: false,
+            parts: Parts::new(setting, |Setting { scenario, source }| {
+                let part = |range: std::ops::Range<usize>| {
+                    let worlds = range.start as u64..range.end as u64;
+                    Environment::new(scenario, source, seed, purpose, worlds)
+                };
+                ranges(worlds).map(part).collect()
+            }),
+        };
+        py.detach(|| batch.run(|_, _| ()));
+        Ok(batch)
+    }
+
+    /// Records ages from the next slot on; those of the first `warmup` slots count for the cold start only.
+    pub fn record(&mut self, warmup: u32) {
+        let counter = |part: std::ops::Range<usize>| AgeCounter::new(warmup, part.len(), self.vehicles);
+        self.counters = ranges(self.worlds).map(counter).collect();
+    }
+
+    /// The recorded ages; `None` if no vehicle was present after warm-up.
+    pub fn summary(&self) -> Option<AgeSummary> {
+        let ages: Vec<_> = self.counters.iter().flat_map(AgeCounter::worlds).collect();
+        AgeSummary::new(&ages)
+    }
+
+    /// [`Simulation::bound_age_ms`] of these worlds.
+    pub fn bound_age_ms(&self, extent: Extent) -> f64 {
+        let Setting { scenario, source } = self.setting();
+        let simulation = Simulation {
+            scenario,
+            source,
+            extent,
+        };
+        simulation.bound_age_ms()
+    }
+
+    /// What the worlds are made of.
+    pub fn setting(&self) -> &Setting {
+        self.parts.borrow_owner()
+    }
+
+    /// How many worlds.
+    pub fn worlds(&self) -> usize {
+        self.worlds
+    }
+
+    /// How many vehicles ever appear.
+    pub fn vehicles(&self) -> usize {
+        self.vehicles
+    }
+
+    /// Slots since the worlds began.
+    pub fn elapsed(&self) -> u32 {
+        self.elapsed
+    }
+
+    /// The seed.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Index of the first of the present worlds.
+    pub fn first_world(&self) -> u64 {
+        self.next_world - self.worlds as u64
+    }
+
+    /// Goes on with the first worlds of another seed, or with those behind the present ones.
+    pub fn reset(&mut self, seed: Option<u64>) {
+        if let Some(seed) = seed {
+            self.seed = seed;
+            self.next_world = 0;
+        }
+        self.begin();
+    }
+
+    fn begin(&mut self) {
+        let (seed, purpose, next) = (self.seed, self.purpose, self.next_world);
+        let worlds = self.worlds;
+        self.next_world += worlds as u64;
+        self.elapsed = 0;
+        self.run(|Setting { scenario, source }, task| {
+            let last = (task.first + PART_WORLDS).min(worlds) as u64;
+            let range = next + task.first as u64..next + last;
+            *task.environment = Environment::new(scenario, source, seed, purpose, range);
+        });
+    }
+
+    /// Checks that a trace is long enough for so many slots.
+    ///
+    /// # Errors
+    /// `ValueError` if it is shorter.
+    pub fn check_slots(&self, slots: u32) -> PyResult<()> {
+        match &self.setting().source {
+            MobilitySource::Trace(trace) if slots > trace.duration_slots() => {
+                let expected = format!("at most {}, the length of the trace", trace.duration_slots());
+                Err(value_error("slots", slots, expected))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Carries out every vehicle's action, `[world][vehicle]`, and begins the next slot.
+    pub fn act(&mut self, actions: &[Action]) {
+        let (vehicles, plan) = (self.vehicles, self.power_plan);
+        self.advance(|task, world, vehicle| {
+            let action = actions[(task.first + world) * vehicles + vehicle];
+            if action == Action::Silent {
+                return;
+            }
+            if let Some(measurement) = task.environment.measurement(world, vehicle) {
+                let decision = plan.decision(action, &Observation::new(&measurement));
+                task.decisions.set(world, vehicle, decision);
+            }
+        });
+    }
+
+    /// Carries out transmissions, `[world][vehicle]`, and begins the next slot. A negative sub-channel is silence.
+    pub fn transmit(&mut self, sub_channels: &[i8], powers_dbm: &[f32]) {
+        let vehicles = self.vehicles;
+        self.advance(|task, world, vehicle| {
+            let index = (task.first + world) * vehicles + vehicle;
+            if let Ok(sub_channel) = usize::try_from(sub_channels[index]) {
+                // Rounded down to the units' 1/256 dB, so that no limit is exceeded.
+                let power = Dbm::from_bits((powers_dbm[index] * 256.0).floor() as i16);
+                task.decisions.transmit(world, vehicle, sub_channel, power);
+            }
+        });
+    }
+
+    /// Lets `decide` decide for every present vehicle of every part, carries the decisions out, and looks at the next slot.
+    fn advance(&mut self, decide: impl Fn(&mut Task<'_, '_>, usize, usize) + Sync) {
+        let slot = self.elapsed;
+        self.elapsed += 1;
+        self.run(|_, task| {
+            task.decisions.clear();
+            for place in 0..task.environment.present().len() {
+                let vehicle = task.environment.present()[place];
+                for world in 0..task.environment.worlds() {
+                    decide(task, world, vehicle);
+                }
+            }
+            let Task {
+                environment,
+                decisions,
+                counter,
+                ..
+            } = task;
+            environment.step(decisions);
+            if let Some(counter) = counter {
+                let (present, ages) = (environment.present(), environment.ages());
+                counter.record(
+                    environment.vectors(),
+                    slot,
+                    present,
+                    ages,
+                    environment.successes(),
+                );
+            }
+        });
+    }
+
+    /// Does `work` on every part, then fills its arrays.
+    fn run(&mut self, work: impl for<'s> Fn(&'s Setting, &mut Task<'_, 's>) + Sync) {
+        self.floats_filled = false;
+        self.measurements_filled = false;
+        let (arrays, decisions, pool) = (&mut self.arrays, &mut self.decisions, &self.pool);
+        let (encoder, reward, worlds) = (&self.encoder, self.reward, self.worlds);
+        let counters = self.counters.iter_mut().map(Some);
+        let counters = counters.chain(std::iter::repeat_with(|| None));
+        self.parts.with_dependent_mut(|setting, environments| {
+            let shares = environments.iter_mut().zip(decisions).zip(counters);
+            let shares = shares.zip(arrays.parts(PART_WORLDS)).zip(ranges(worlds));
+            let tasks = shares.map(|((((environment, decisions), counter), arrays), range)| Task {
+                first: range.start,
+                environment,
+                decisions,
+                counter,
+                arrays,
+            });
+            match pool {
+                Some(pool) => {
+                    let tasks: Vec<_> = tasks.collect();
+                    let tasks = tasks.into_par_iter();
+                    pool.install(|| tasks.for_each(|task| complete(setting, task, &work, encoder, reward)));
+                }
+                None => tasks.for_each(|task| complete(setting, task, &work, encoder, reward)),
+            }
+            if let Some(first) = environments.first() {
+                arrays.mark_present(first.present());
+            }
+        });
+    }
+
+    /// Brings the float observations up to the present slot.
+    pub fn fill_float_observations(&mut self) {
+        if !std::mem::replace(&mut self.floats_filled, true) {
+            self.arrays.fill_float_observations();
+        }
+    }
+
+    /// Brings levels and broadcasts up to the present slot.
+    pub fn fill_measurements(&mut self) {
+        if std::mem::replace(&mut self.measurements_filled, true) {
+            return;
+        }
+        let arrays = &mut self.arrays;
+        self.parts.with_dependent(|_, environments| {
+            for (part, environment) in environments.iter().enumerate() {
+                arrays.fill_measurements(part * PART_WORLDS, environment);
+            }
+        });
+    }
+}
+
+/// Does `work` on a part and fills its arrays.
+fn complete<'s>(
+    setting: &'s Setting,
+    mut task: Task<'_, 's>,
+    work: &impl Fn(&'s Setting, &mut Task<'_, 's>),
+    encoder: &Encoder,
+    reward: Reward,
+) {
+    work(setting, &mut task);
+    task.arrays.fill(task.environment, encoder, reward);
+}
+
+/// The worlds of each part.
+fn ranges(worlds: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let starts = (0..worlds).step_by(PART_WORLDS);
+    starts.map(move |start| start..(start + PART_WORLDS).min(worlds))
+}

@@ -1,0 +1,255 @@
+"""The batched environment: views, determinism, actions, bad input."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from freshlane import BatchEnvironment, Scenario, Table
+
+
+def environment(**arguments):
+    arguments = {"worlds": 40, "seed": 5, **arguments}
+    return BatchEnvironment(**arguments)
+
+
+def run(env, slots=150):
+    """The shipped table's trajectory: all ages."""
+    table = Table.shipped()
+    return [env.step(table.act(env.observations)) and env.ages.copy() for _ in range(slots)]
+
+
+def test_views_are_the_simulator_s_memory():
+    env = environment()
+    names = (
+        "observations float_observations rewards ages received present gains_db interference_db "
+        "home_sub_channels periods joiner_probabilities"
+    ).split()
+    views = {name: getattr(env, name) for name in names}
+    addresses = {name: view.__array_interface__["data"] for name, view in views.items()}
+    assert all(read_only for _, read_only in addresses.values())
+    before = env.ages.copy()
+    observations, rewards, *_ = env.step(np.ones((40, 20), np.uint8))
+    assert observations is views["observations"] and rewards is views["rewards"]
+    assert (views["ages"] != before).any(), "a view shows the next slot"
+    env.reset()
+    for name, view in views.items():
+        assert getattr(env, name) is view
+        assert view.__array_interface__["data"] == addresses[name]
+        assert not view.flags.owndata and not view.flags.writeable
+        with pytest.raises(ValueError, match="read-only"):
+            view[...] = 0
+        with pytest.raises(ValueError):
+            view.flags.writeable = True
+
+
+def test_views_outlive_their_environment():
+    env = environment()
+    run(env, 20)
+    ages, expected = env.ages, env.ages.copy()
+    del env
+    gc.collect()
+    others = [environment() for _ in range(20)]
+    assert (ages == expected).all() and others
+
+
+def test_a_seed_gives_the_same_bytes_for_any_number_of_threads():
+    one, two = run(environment(threads=1)), run(environment(threads=3))
+    assert all((a == b).all() for a, b in zip(one, two, strict=True))
+    other = run(environment(seed=6))
+    assert any((a != b).any() for a, b in zip(one, other, strict=True))
+
+
+def test_a_world_does_not_depend_on_its_batch():
+    whole, few = environment(worlds=40), environment(worlds=3)
+    for _ in range(50):
+        actions = Table.shipped().act(whole.observations)
+        whole.step(actions)
+        few.step(actions[:3])
+    assert (whole.ages[:3] == few.ages).all() and (whole.observations[:3] == few.observations).all()
+
+
+def test_resets_go_on_to_new_worlds_and_return_to_a_seed_s_first():
+    env = environment()
+    first = env.reset()[0].copy()
+    assert env.first_world == 0
+    second = env.reset()[0].copy()
+    assert env.first_world == 40
+    assert (first != second).any()
+    assert (env.reset(seed=5)[0] == first).all()
+    assert env.first_world == 0 and env.elapsed == 0 and (env.ages == 100).all()
+
+
+def test_ages_and_rewards_follow_receptions():
+    env, team = environment(), environment(reward="team")
+    table = Table.shipped()
+    for _ in range(200):
+        before = env.ages.copy()
+        actions = table.act(env.observations)
+        env.step(actions)
+        team.step(actions)
+        assert (env.ages == np.where(env.received, 1, np.minimum(before + 1, 100))).all()
+        assert np.allclose(env.rewards, -env.ages.astype(np.float32) / 100)
+        assert np.allclose(team.rewards, env.rewards.mean(axis=1, keepdims=True))
+        assert not env.received[actions == 0].any()
+    assert env.received.any() and env.ages.mean() < 20
+
+
+def test_float_observations_are_the_codes_over_64():
+    env = environment(encoding="float32")
+    run(env, 5)
+    assert (env.float_observations * 64 == env.observations).all()
+    observations, _ = env.reset()
+    assert observations is env.float_observations and env.observation_space.contains(observations)
+
+
+def test_observations_are_the_encoded_measurements():
+    env = environment()
+    run(env, 30)
+    home = env.home_sub_channels.astype(int)
+    codes = env.observations.astype(int)
+    home_gain = np.take_along_axis(env.gains_db, home[..., None], axis=2)[..., 0]
+    # Input 5 is (dB / 10 - 3.5) / 2 in steps of 1/64, at most 1.06 steps off; saturated ones say nothing.
+    code = 3.2 * home_gain - 112
+    inside = (code > -127) & (code < 126)
+    assert inside.any() and (np.abs(codes[..., 5] - code)[inside] < 1.1).all()
+    assert (codes[..., 0] == 64 * (env.ages % env.periods == 0)).all()
+    assert (env.interference_db >= 0).all() and (env.joiner_probabilities > 0).all()
+    # Twenty vehicles in three groups.
+    assert set(np.unique(env.periods)) <= {6, 7, 8, 9} and set(np.unique(home)) == {0, 1, 2}
+
+
+def test_truncation_at_the_episode_s_end():
+    env = environment(slots=3)
+    ends = [env.step(np.zeros((40, 20), np.uint8))[3].all() for _ in range(3)]
+    assert ends == [False, False, True]
+
+
+def test_action_types_agree():
+    rng = np.random.default_rng(1)
+    actions = rng.integers(0, 6, (50, 40, 20))
+    envs = [environment() for _ in range(3)]
+    for slot in actions:
+        for env, kind in zip(envs, (np.uint8, np.int64, np.int32), strict=True):
+            env.step(slot.astype(kind))
+    assert (envs[0].ages == envs[1].ages).all() and (envs[0].ages == envs[2].ages).all()
+
+
+def test_transmissions_are_the_actions_in_sub_channels_and_dbm():
+    by_action, by_power = environment(), environment()
+    rng = np.random.default_rng(2)
+    for _ in range(100):
+        send = rng.random((40, 20)) < 0.15
+        channels = np.where(send, by_power.home_sub_channels, -1)
+        by_action.step(send.astype(np.uint8))
+        by_power.transmit(channels, np.full((40, 20), 30.0))
+        assert (by_action.ages == by_power.ages).all()
+    assert by_action.received.any()
+    by_power.transmit(np.zeros((40, 20), np.int8), np.full((40, 20), -100.0, np.float32))
+    assert not by_power.received.any(), "nobody hears -100 dBm"
+
+
+def test_presets_and_settings():
+    scenario = Scenario("companion", settings={"cell.vehicles": 7})
+    env = environment(scenario=scenario)
+    assert env.vehicles == 7 and env.observations.shape == (40, 7, 20)
+    assert scenario["mobility.block_x_m"] == 125.0 and scenario == Scenario(
+        "companion", settings={"cell.vehicles": 7}
+    )
+    assert scenario != Scenario("companion") and scenario.to_dict()["cell"]["vehicles"] == 7
+
+
+def test_a_table_for_other_worlds_is_refused():
+    def refused(**settings):
+        env = environment(scenario=Scenario(settings={key.replace("__", "."): v for key, v in settings.items()}))
+        with pytest.raises(ValueError) as error:
+            env.check_table(Table.shipped())
+        return str(error.value)
+
+    environment().check_table(Table.shipped())
+    assert refused(cell__vehicles=80) == "vehicles: found 80, expected at most 72, which the table serves"
+    assert "expected 30 dBm as in the table" in refused(radio__max_power_dbm=23)
+    assert "as in the table" in refused(radio__min_spectral_efficiency=2)
+
+
+ZEROS = np.zeros((40, 20), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("actions", "error", "message"),
+    [
+        (ZEROS[:, :3], ValueError, r"actions: found shape \(40, 3\), expected shape \(40, 20\)"),
+        (ZEROS[0], ValueError, r"actions: found shape \(20,\), expected \(worlds, vehicles\)"),
+        (ZEROS + 6, ValueError, r"actions\[0, 0\]: found 6, expected 0 to 5"),
+        (ZEROS.astype(int) - 1, ValueError, r"actions\[0, 0\]: found -1, expected 0 to 5"),
+        (ZEROS.astype(np.uint64) + 2**63, ValueError, "actions: found 9223372036854775808, expected 0 to 5"),
+        (ZEROS.astype(float), TypeError, "actions: found an array of float64, expected whole numbers"),
+        (ZEROS.astype(bool), TypeError, "actions: found an array of bool, expected whole numbers"),
+        ([["a"]], TypeError, "actions: found an array of <U1"),
+    ],
+)
+def test_bad_actions_are_named_and_change_nothing(actions, error, message):
+    env = environment()
+    before = env.observations.copy()
+    with pytest.raises(error, match=message):
+        env.step(actions)
+    assert env.elapsed == 0 and (env.observations == before).all()
+
+
+@pytest.mark.parametrize(
+    ("channels", "powers", "message"),
+    [
+        (3, 30.0, "sub_channels: found 3, expected -1"),
+        (-2, 30.0, "sub_channels: found -2, expected -1"),
+        (300, 30.0, "sub_channels: found 300, expected -1"),
+        (0, 30.1, r"powers_dbm\[0, 0\]: found 30.1, expected -100 to 30 dBm"),
+        (0, np.nan, r"powers_dbm\[0, 0\]: found NaN"),
+        (0, np.inf, r"powers_dbm\[0, 0\]: found inf"),
+    ],
+)
+def test_bad_transmissions_are_named(channels, powers, message):
+    with pytest.raises(ValueError, match=message):
+        environment().transmit(np.full((40, 20), channels), np.full((40, 20), powers))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"worlds": 0}, ValueError, "worlds: found 0, expected 1 to 1000000"),
+        ({"worlds": -1}, OverflowError, "worlds|can't convert negative"),
+        ({"seed": "x"}, TypeError, "seed"),
+        ({"slots": 0}, ValueError, "slots: found 0, expected at least 1"),
+        ({"encoding": "int4"}, ValueError, 'encoding: found "int4", expected "int8", "float32"'),
+        ({"reward": "none"}, ValueError, 'reward: found "none", expected "own", "team"'),
+        ({"mobility": "/nowhere.xml"}, FileNotFoundError, "/nowhere.xml"),
+        ({"scenario": "paper"}, TypeError, "scenario"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, error, message):
+    with pytest.raises(error, match=message):
+        environment(**arguments)
+
+
+def test_bad_scenarios_are_named(tmp_path):
+    def message(error=ValueError, **arguments):
+        with pytest.raises(error) as raised:
+            Scenario(**arguments)
+        return str(raised.value)
+
+    unknown = message(settings={"radio.sub_chanels": 3})
+    assert unknown.startswith("settings radio.sub_chanels: found an unknown key, expected radio.sub_channels")
+    assert message(settings={"cell.vehicles": 0}) == "cell.vehicles: found 0, expected 1 to 10000 vehicles"
+    assert "found many" in message(settings={"cell.vehicles": "many"}) or "many" in message(
+        settings={"cell.vehicles": "many"}
+    )
+    assert message(preset="none") == 'preset: found "none", expected "paper", "companion"'
+    file = tmp_path / "scenario.toml"
+    file.write_text("[cell]\nvehicels = 3\n")
+    assert f"{file}: key cell.vehicels" in message(file=file)
+    assert "scenario.toml" in message(FileNotFoundError, file=tmp_path / "no" / "scenario.toml")
+    with pytest.raises(KeyError, match=r"expected cell\.vehicles"):
+        Scenario()["cell.vehicels"]
+    with pytest.raises(ValueError, match="vehicles: found 101, expected 1 to 100"):
+        environment(scenario=Scenario(settings={"cell.vehicles": 101}))
+    with pytest.raises(ValueError, match="radio.sub_channels: found 4, expected 3"):
+        environment(scenario=Scenario(settings={"radio.sub_channels": 4}))

@@ -1,0 +1,96 @@
+"""Export: a network becomes a table that decides like it."""
+
+import numpy as np
+import pytest
+
+from freshlane import BatchEnvironment, Scenario, evaluate, export
+
+SCENARIO = Scenario()
+EXTENT = {"worlds": 16, "slots": 300, "warmup": 200}
+
+
+def rules():
+    """Two layers by hand: send at full power in the own turn where the gain suffices; a joiner sends at the first level."""
+    weights = np.zeros((2, 20), np.float32)
+    weights[0, [0, 8]] = 1.0, 1.0
+    weights[0, 1] = -1.0
+    weights[1, [1, 16, 8]] = 1.0, 1.0, 1.0
+    hidden = weights, np.array([-1.0, -2.0], np.float32)
+    output = np.zeros((6, 2), np.float32)
+    output[1, 0], output[2, 1] = 1.0, 1.0
+    return [hidden, (output, np.array([0.5, 0, 0, -9, -9, -9], np.float32))]
+
+
+def forward(layers, codes):
+    values = codes.astype(np.float32) / 64
+    for index, (weights, biases) in enumerate(layers):
+        values = values @ weights.T + biases
+        if index + 1 < len(layers):
+            values = np.maximum(values, 0)
+    return values
+
+
+def test_a_network_becomes_its_table():
+    layers = rules()
+    exported = export(layers, seed=4, **EXTENT)
+    assert exported.table.widths == [20, 2, 6] and exported.table.seed == 4
+    assert exported.table.max_vehicles == 20
+    assert exported.agreement > 0.999
+    # The comparison's numbers are evaluate's.
+    found = evaluate(exported.table, **EXTENT)
+    assert exported.int8_age_ms == found.mean_age_ms
+    by_float = evaluate(lambda codes: forward(layers, codes).argmax(axis=-1), **EXTENT)
+    assert exported.float_age_ms == by_float.mean_age_ms
+    assert by_float.mean_age_ms < evaluate("age-threshold", **EXTENT).mean_age_ms
+    env = BatchEnvironment(worlds=50, seed=8)
+    for _ in range(100):
+        actions = exported.table.act(env.observations)
+        assert (actions == forward(layers, env.observations).argmax(axis=-1)).mean() > 0.99
+        env.step(actions)
+
+
+def test_a_seed_gives_the_same_table():
+    first, second = (export(rules(), seed=4, **EXTENT) for _ in range(2))
+    assert bytes(first.table) == bytes(second.table) and first.agreement == second.agreement
+
+
+def test_own_calibration_and_limits():
+    codes = BatchEnvironment(worlds=200).observations.reshape(-1, 20)
+    exported = export(rules(), calibration=codes, max_vehicles=30, **EXTENT)
+    assert exported.table.max_vehicles == 30
+    tighter = Scenario(settings={"radio.max_power_dbm": 23})
+    assert export(rules(), tighter, **EXTENT).table.max_power_dbm == 23.0
+
+
+def changed(layer, part, value):
+    layers = [list(pair) for pair in rules()]
+    layers[layer][part] = value
+    return layers
+
+
+@pytest.mark.parametrize(
+    ("network", "error", "message"),
+    [
+        ([], ValueError, "network: found 0 layers, expected 1 to 4 layers"),
+        (rules() + 3 * rules()[1:], ValueError, "network: found 5 layers"),
+        (3, TypeError, "network: found int, expected a torch module, or pairs"),
+        (changed(0, 0, np.zeros((2, 19))), ValueError, "network: layer 0: found 19 inputs, expected 20"),
+        (changed(0, 1, np.zeros(3)), ValueError, "network: layer 0: found 3 biases, expected 2"),
+        (rules()[:1], ValueError, "network: layer 0: found 2 outputs, expected 6, one an action"),
+        (changed(0, 0, np.zeros((2, 20), int)), TypeError, "layer 0 weights: found an array of int64"),
+        (changed(0, 0, np.zeros(20)), ValueError, r"layer 0 weights: found shape \(20,\)"),
+        (changed(1, 0, np.full((6, 2), np.nan)), ValueError, "layer 1: found a parameter that is not finite"),
+    ],
+)
+def test_bad_networks_are_named(network, error, message):
+    with pytest.raises(error, match=message):
+        export(network, **EXTENT)
+
+
+def test_bad_calibration_is_named():
+    with pytest.raises(TypeError, match="calibration: found an array of float64, expected int8"):
+        export(rules(), calibration=np.zeros((3, 20)))
+    with pytest.raises(ValueError, match="found shape"):
+        export(rules(), calibration=np.zeros((3, 19), np.int8))
+    with pytest.raises(ValueError, match="max_vehicles: found 0, expected 1 to 300"):
+        export(rules(), max_vehicles=0)
