@@ -112,8 +112,8 @@ impl AssignArguments {
 /// Solves or judges, and reports.
 ///
 /// # Errors
-/// [`Error::Input`](crate::error::Error::Input) for an option, network, trip table, flow or path file that makes no sense;
-/// [`Error::File`](crate::error::Error::File) for a file that cannot be read or written. Not reaching the gap is none: the
+/// [`Error::Input`] for an option, network, trip table, flow or path file that makes no sense;
+/// [`Error::File`] for a file that cannot be read or written. Not reaching the gap is none: the
 /// report says so.
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
