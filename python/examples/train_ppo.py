@@ -1,8 +1,8 @@
 """Trains a policy with proximal policy optimisation (PPO) in torch, compares it on held-out worlds, and exports a firmware table.
 
 One file from top to bottom, in the style of CleanRL. All vehicles of all worlds share one small network, which sees only what
-a unit senses; a critic that also sees its neighbours' observations helps in training and is thrown away. Takes about two
-minutes on one thread:
+a unit senses; a critic that also sees its neighbours' observations helps in training and is thrown away. Trains in
+half a minute of processor time on one thread; the comparisons behind it take as long again or longer:
 
     python examples/train_ppo.py --out table.bin
 

@@ -6,6 +6,18 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Assignment",
+    "Batch",
+    "Evaluation",
+    "FloatNetwork",
+    "Scenario",
+    "Table",
+    "assign_arrays",
+    "evaluate_policy",
+    "native_loop",
+]
+
 @final
 class Scenario:
     def __new__(
