@@ -89,12 +89,21 @@ impl Page {
             _browser: browser,
         };
         page.listen();
-        page.tab
-            .navigate_to(address)
-            .unwrap()
-            .wait_until_navigated()
-            .unwrap();
+        let _ = page.tab.navigate_to(address).unwrap();
+        // Asked of the page itself: the event that tells of it may come before anybody waits for it.
+        let begin = Instant::now();
+        let loaded = "location.protocol == 'http:' && document.readyState == 'complete'";
+        while !page.try_evaluate(loaded) {
+            assert!(begin.elapsed() < PATIENCE, "{address} never loads");
+            std::thread::sleep(Duration::from_millis(20));
+        }
         page
+    }
+
+    /// Whether a JavaScript expression is true; `false` too while one page takes another's place.
+    fn try_evaluate(&self, expression: &str) -> bool {
+        let answer = self.tab.evaluate(expression, false);
+        answer.is_ok_and(|object| object.value == Some(Value::Bool(true)))
     }
 
     /// Notes what the page requests, and all that its console shows.
