@@ -2,7 +2,7 @@
 
 use crate::command::eval::compare;
 use crate::distil::{Recipe, distil};
-use crate::export::{Header, source_revision, table_bytes};
+use crate::export::{Header, table_bytes};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::forms::{ObservationForm, OutputForm};
 use crate::quantise::quantise;
@@ -13,6 +13,7 @@ use host_sim::error::{Error, Result};
 use host_sim::mobility::MobilitySource;
 use host_sim::policy::power_plan;
 use host_sim::report::files::check_folder;
+use host_sim::revision::source_revision;
 use host_sim::say;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
