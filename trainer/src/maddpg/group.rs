@@ -4,6 +4,7 @@ use super::optimiser::{Learned, Step, clip};
 use super::perceptron::{Pass, Perceptron};
 use host_sim::stream::Stream;
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 /// Networks of one kind, their batches on the way, and what they learn with.
 pub struct Group {
@@ -12,7 +13,24 @@ pub struct Group {
     /// One network, or one for each vehicle.
     pub learned: Vec<Learned>,
     passes: Vec<Pass>,
+    gradients: Gradients,
     vehicles: usize,
+}
+
+/// Room for gradients, kept between updates: as many as threads ask for at once.
+#[derive(Default)]
+pub struct Gradients(Mutex<Vec<Vec<f32>>>);
+
+impl Gradients {
+    /// Lends room of this length; nothing is said about what stands in it.
+    pub fn lend<T>(&self, length: usize, work: impl FnOnce(&mut [f32]) -> T) -> T {
+        let kept = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut gradient = kept().pop().unwrap_or_default();
+        gradient.resize(length, 0.0);
+        let result = work(&mut gradient);
+        kept().push(gradient);
+        result
+    }
 }
 
 /// Which parameters run.
@@ -55,6 +73,7 @@ impl Group {
             .collect();
         Self {
             passes: vec![Pass::default(); copies],
+            gradients: Gradients::default(),
             network,
             learned,
             vehicles,
@@ -107,15 +126,14 @@ impl Group {
     pub fn learn(&mut self, slopes: &[f32], step: Step, longest_gradient: f32) {
         let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
-        each.for_each_init(
-            || vec![0.0; network.parameters()],
-            |gradient, (copy, (pass, learned))| {
-                set_slopes(pass, slopes, network.outputs(), copy, copies);
-                network.backward(&learned.parameters, pass, Some(gradient.as_mut_slice()), false);
+        each.for_each(|(copy, (pass, learned))| {
+            set_slopes(pass, slopes, network.outputs(), copy, copies);
+            self.gradients.lend(network.parameters(), |gradient| {
+                network.backward(&learned.parameters, pass, Some(gradient), false);
                 let scale = clip(gradient, longest_gradient);
                 learned.step(gradient, Step { scale, ..step });
-            },
-        );
+            });
+        });
     }
 
     /// Each network's gradient of a loss with these slopes along the outputs.

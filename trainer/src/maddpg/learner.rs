@@ -10,7 +10,7 @@ use super::arena::{Arena, CellArena, Tally, Worlds};
 use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
 use super::critic::{Critic, CriticPass, View};
 use super::flat_critic::FlatCritic;
-use super::group::{Group, Role, Rows};
+use super::group::{Gradients, Group, Role, Rows};
 use super::optimiser::{Learned, Step, clip};
 use super::options::{CriticForm, GlobalWeight, GradientForm, Maddpg, Updates};
 use super::perceptron::Perceptron;
@@ -37,6 +37,7 @@ pub struct MaddpgLearner {
     critic: Critic,
     pub(super) twins: [Learned; 2],
     passes: [CriticPass; 2],
+    gradients: Gradients,
     pub(super) replay: Replay,
     batch: Batch,
     pub(super) extent: Extent,
@@ -131,6 +132,7 @@ impl MaddpgLearner {
             critic,
             twins,
             passes: Default::default(),
+            gradients: Gradients::default(),
             replay: Replay::new(extent),
             batch: Batch::default(),
             extent,
@@ -325,6 +327,7 @@ impl MaddpgLearner {
         let heads = self.critic.heads();
         let (actions, step) = (self.action_vectors(batch), self.critic_step());
         let (critic, discount, options) = (&self.critic, self.discount(), &self.options);
+        let gradients = &self.gradients;
         let now = batch.view(&self.extent, &batch.known);
         let next = batch.view(&self.extent, &batch.later);
         let [first, second] = &mut self.passes;
@@ -349,10 +352,11 @@ impl MaddpgLearner {
                     slope * scale
                 })
                 .collect();
-            let mut gradient = vec![0.0; learned.parameters.len()];
-            critic.gradient(&learned.parameters, &now, &slopes, pass, &mut gradient);
-            let scale = clip(&gradient, options.gradient_clip);
-            learned.step(&gradient, Step { scale, ..step });
+            gradients.lend(learned.parameters.len(), |gradient| {
+                critic.gradient(&learned.parameters, &now, &slopes, pass, gradient);
+                let scale = clip(gradient, options.gradient_clip);
+                learned.step(gradient, Step { scale, ..step });
+            });
             loss
         };
         let [first_twin, second_twin] = &mut self.twins;

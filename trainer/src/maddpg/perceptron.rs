@@ -3,7 +3,7 @@
 //! Activations are `[unit][column]`, one column a sample: every product then runs over the batch, and weights are read once, as
 //! PyTorch keeps them (`[outputs][inputs]`).
 
-use super::product::{Left, Product, Scratch, Start};
+use super::product::{Factor, Product, Scratch, Start, transpose};
 use host_sim::stream::Stream;
 use std::ops::Range;
 
@@ -21,7 +21,6 @@ pub struct Pass {
     values: Vec<Vec<f32>>,
     /// Slopes of the loss along the values, in the same layout.
     slopes: Vec<Vec<f32>>,
-    transposed: Vec<f32>,
     lines: Vec<f32>,
     scratch: Scratch,
 }
@@ -95,8 +94,8 @@ impl Perceptron {
             let result = &mut after[0];
             result.resize(self.widths[layer + 1] * columns, 0.0);
             Product {
-                left: Left::Plain(&parameters[self.weights(layer)]),
-                right: &before[layer],
+                left: Factor::Plain(&parameters[self.weights(layer)]),
+                right: Factor::Plain(&before[layer]),
                 depth: self.widths[layer],
                 columns,
                 start: Start::Rows(&parameters[self.biases(layer)]),
@@ -123,10 +122,9 @@ impl Perceptron {
             let (before, after) = pass.slopes.split_at_mut(layer + 1);
             let slopes = &after[0];
             if let Some(gradient) = gradient.as_deref_mut() {
-                transpose(&pass.values[layer], columns, &mut pass.transposed);
                 Product {
-                    left: Left::Plain(slopes),
-                    right: &pass.transposed,
+                    left: Factor::Plain(slopes),
+                    right: Factor::Transposed(&pass.values[layer]),
                     depth: columns,
                     columns: inputs,
                     start: Start::Zero,
@@ -146,8 +144,8 @@ impl Perceptron {
                 let result = &mut before[layer];
                 result.resize(inputs * columns, 0.0);
                 Product {
-                    left: Left::Transposed(&parameters[self.weights(layer)]),
-                    right: slopes,
+                    left: Factor::Transposed(&parameters[self.weights(layer)]),
+                    right: Factor::Plain(slopes),
                     depth: outputs,
                     columns,
                     start: Start::Zero,
@@ -179,7 +177,8 @@ impl Pass {
         }
         self.columns = columns;
         self.values.resize_with(network.widths.len(), Vec::new);
-        transpose(&lines, inputs, &mut self.values[0]);
+        self.values[0].resize(columns * inputs, 0.0);
+        transpose(&lines, inputs, &mut self.values[0], columns);
         self.lines = lines;
     }
 
@@ -217,22 +216,6 @@ impl Pass {
     /// Slopes along the inputs, `[input][column]`, after a backward run that asked for them.
     pub fn input_slopes(&self) -> &[f32] {
         self.slopes.first().map_or(&[], Vec::as_slice)
-    }
-}
-
-/// `[rows][columns]` to `[columns][rows]`, in blocks of a cache line.
-pub fn transpose(values: &[f32], columns: usize, result: &mut Vec<f32>) {
-    const BLOCK: usize = 16;
-    let rows = values.len() / columns;
-    result.resize(values.len(), 0.0);
-    for row_block in (0..rows).step_by(BLOCK) {
-        for column_block in (0..columns).step_by(BLOCK) {
-            for column in column_block..columns.min(column_block + BLOCK) {
-                for row in row_block..rows.min(row_block + BLOCK) {
-                    result[column * rows + row] = values[row * columns + column];
-                }
-            }
-        }
     }
 }
 

@@ -9,8 +9,8 @@ use pulp::{Arch, Simd, WithSimd};
 /// Rows of a register tile: 6 x 4 vectors fill 24 of the 32 registers of AVX-512.
 const TILE_ROWS: usize = 6;
 
-/// Rows whose part of a transposed left factor is packed together: eight tiles, and three whole cache lines.
-const PANEL_ROWS: usize = 8 * TILE_ROWS;
+/// Rows whose part of a transposed left factor is packed together: sixteen tiles, and six whole cache lines.
+const PANEL_ROWS: usize = 16 * TILE_ROWS;
 
 /// Space for packed factors.
 #[derive(Clone, Debug, Default)]
@@ -19,12 +19,12 @@ pub struct Scratch {
     panel: Vec<f32>,
 }
 
-/// The left factor, which may be read transposed without a copy.
+/// A factor, row after row.
 #[derive(Clone, Copy)]
-pub enum Left<'a> {
-    /// `[rows, depth]`, row after row.
+pub enum Factor<'a> {
+    /// The matrix itself.
     Plain(&'a [f32]),
-    /// The transpose of this `[depth, rows]`, row after row.
+    /// The matrix is the transpose of this one.
     Transposed(&'a [f32]),
 }
 
@@ -41,10 +41,10 @@ pub enum Start<'a> {
 
 /// `result[i][j] = start + sum over p of left(i, p) right[p][j]`.
 pub struct Product<'a> {
-    /// `[rows, depth]` in its own layout.
-    pub left: Left<'a>,
-    /// `[depth, columns]`, row after row.
-    pub right: &'a [f32],
+    /// `[rows, depth]`.
+    pub left: Factor<'a>,
+    /// `[depth, columns]`.
+    pub right: Factor<'a>,
     /// Length of the sums.
     pub depth: usize,
     /// Columns of `right` and of the result.
@@ -104,23 +104,23 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
     let width = VECTORS * S::F32_LANES;
     let rows = result.len() / columns;
     let Scratch { strips, panel } = scratch;
-    let strips: &[f32] = if columns == width {
-        &right[..depth * width]
-    } else {
-        pack_strips(&right[..depth * columns], columns, width, strips);
-        strips
+    let strips: &[f32] = match right {
+        Factor::Plain(right) if columns == width => &right[..depth * width],
+        right => {
+            strips.clear();
+            strips.resize(columns.div_ceil(width) * depth * width, 0.0);
+            pack_strips(right, depth, columns, width, strips);
+            strips
+        }
     };
     for (panel_index, result) in result.chunks_mut(PANEL_ROWS * columns).enumerate() {
         let panel_row = panel_index * PANEL_ROWS;
         let panel_rows = result.len() / columns;
         let left = match left {
-            Left::Plain(values) => Left::Plain(&values[panel_row * depth..]),
-            Left::Transposed(values) => {
-                panel.clear();
-                for line in values.chunks_exact(rows) {
-                    panel.extend_from_slice(&line[panel_row..panel_row + panel_rows]);
-                }
-                Left::Transposed(panel)
+            Factor::Plain(values) => Factor::Plain(&values[panel_row * depth..]),
+            Factor::Transposed(values) => {
+                pack_panel(values, rows, panel_row..panel_row + panel_rows, panel);
+                Factor::Transposed(panel)
             }
         };
         let start = match start {
@@ -158,25 +158,63 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
     }
 }
 
-/// `[depth, columns]` as strips of `width` columns, each `[depth, width]`. Columns beyond the matrix are zeros.
-fn pack_strips(right: &[f32], columns: usize, width: usize, strips: &mut Vec<f32>) {
-    let depth = right.len() / columns;
-    strips.clear();
-    strips.resize(columns.div_ceil(width) * depth * width, 0.0);
-    for (strip, first) in strips
-        .chunks_exact_mut(depth * width)
-        .zip((0..columns).step_by(width))
-    {
+/// `[depth, columns]` as strips of `width` columns, each `[depth, width]`. Columns beyond the matrix stay as they are.
+fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, strips: &mut [f32]) {
+    let strips = strips.chunks_exact_mut(depth * width);
+    for (strip, first) in strips.zip((0..columns).step_by(width)) {
         let used = width.min(columns - first);
-        for (packed, row) in strip.chunks_exact_mut(width).zip(right.chunks_exact(columns)) {
-            packed[..used].copy_from_slice(&row[first..first + used]);
+        match right {
+            Factor::Plain(right) => {
+                for (packed, row) in strip.chunks_exact_mut(width).zip(right.chunks_exact(columns)) {
+                    packed[..used].copy_from_slice(&row[first..first + used]);
+                }
+            }
+            Factor::Transposed(right) => {
+                transpose(&right[first * depth..][..used * depth], depth, strip, width);
+            }
+        }
+    }
+}
+
+/// Writes `[rows][columns]` as `[columns][rows]` into lines of this length, in blocks of a cache line.
+pub fn transpose(values: &[f32], columns: usize, result: &mut [f32], length: usize) {
+    const BLOCK: usize = 16;
+    let rows = values.len() / columns;
+    for row_block in (0..rows).step_by(BLOCK) {
+        for column_block in (0..columns).step_by(BLOCK) {
+            for column in column_block..columns.min(column_block + BLOCK) {
+                let line = &mut result[column * length..][..rows];
+                for row in row_block..rows.min(row_block + BLOCK) {
+                    line[row] = values[row * columns + column];
+                }
+            }
+        }
+    }
+}
+
+/// These columns of `[depth, rows]`, one row after the other.
+fn pack_panel(values: &[f32], rows: usize, part: std::ops::Range<usize>, panel: &mut Vec<f32>) {
+    let depth = values.len() / rows;
+    panel.resize(depth * part.len(), 0.0);
+    let lines = values.chunks_exact(rows).map(|line| &line[part.clone()]);
+    if part.len() == PANEL_ROWS {
+        // A length that is known when this is compiled spares a call of `memcpy` for every line.
+        let (packed, _) = panel.as_chunks_mut::<PANEL_ROWS>();
+        for (packed, line) in packed.iter_mut().zip(lines) {
+            for (packed, value) in packed.iter_mut().zip(line) {
+                *packed = *value;
+            }
+        }
+    } else {
+        for (packed, line) in panel.chunks_exact_mut(part.len()).zip(lines) {
+            packed.copy_from_slice(line);
         }
     }
 }
 
 /// A register tile.
 struct Tile<'a> {
-    left: Left<'a>,
+    left: Factor<'a>,
     /// Rows of `left`.
     left_rows: usize,
     /// `[depth, width]`.
@@ -215,7 +253,7 @@ impl Tile<'_> {
         let (vectors, _) = S::as_simd_f32s(self.strip);
         let (vectors, _) = vectors.as_chunks::<VECTORS>();
         let sums = match self.left {
-            Left::Plain(values) => {
+            Factor::Plain(values) => {
                 let depth = vectors.len();
                 let lines: [&[f32]; ROWS] =
                     std::array::from_fn(|index| &values[(self.row + index) * depth..][..depth]);
@@ -223,7 +261,7 @@ impl Tile<'_> {
                     std::array::from_fn(|index| lines[index][p])
                 })
             }
-            Left::Transposed(values) => accumulate(simd, first_sums, vectors, |p| {
+            Factor::Transposed(values) => accumulate(simd, first_sums, vectors, |p| {
                 let line = &values[p * self.left_rows + self.row..][..ROWS];
                 std::array::from_fn(|index| line[index])
             }),
@@ -281,6 +319,13 @@ mod tests {
         (6, 300, 130),
     ];
 
+    /// The transpose of a matrix of so many columns.
+    fn turned(values: &[f32], columns: usize) -> Vec<f32> {
+        (0..columns)
+            .flat_map(|column| values.iter().copied().skip(column).step_by(columns))
+            .collect()
+    }
+
     #[test]
     fn every_form_is_the_plain_sum_bit_for_bit_with_and_without_vectors() {
         let mut stream = initial(1, 0);
@@ -288,10 +333,7 @@ mod tests {
         for (rows, depth, columns) in SIZES {
             let (left, right) = (numbers(rows * depth), numbers(depth * columns));
             let (biases, before) = (numbers(rows), numbers(rows * columns));
-            let transposed: Vec<f32> = (0..depth)
-                .flat_map(|p| (0..rows).map(move |row| (row, p)))
-                .map(|(row, p)| left[row * depth + p])
-                .collect();
+            let (left_turned, right_turned) = (turned(&left, depth), turned(&right, columns));
             for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add]
                 .into_iter()
                 .enumerate()
@@ -306,12 +348,19 @@ mod tests {
                         sum.max(0.0)
                     })
                     .collect();
-                for left in [Left::Plain(&left), Left::Transposed(&transposed)] {
+                for transposed in [false, true] {
                     for vectors in [true, false] {
                         let mut result = before.clone();
+                        let factor = |plain, turned| {
+                            if transposed {
+                                Factor::Transposed(turned)
+                            } else {
+                                Factor::Plain(plain)
+                            }
+                        };
                         let product = Product {
-                            left,
-                            right: &right,
+                            left: factor(&left, &left_turned),
+                            right: factor(&right, &right_turned),
                             depth,
                             columns,
                             start,
@@ -326,7 +375,7 @@ mod tests {
                         }
                         assert!(
                             result == expected,
-                            "{rows} x {depth} x {columns}, vectors: {vectors}"
+                            "{rows} x {depth} x {columns}, transposed: {transposed}, vectors: {vectors}"
                         );
                     }
                 }
