@@ -1,0 +1,436 @@
+//! One update: critics towards their targets, actors up the critics' slopes (paper, Algorithm 1).
+//!
+//! A batch moves the twin global critics towards `y_g = r_g + gamma min(Q'_1, Q'_2)`, and every `delay`-th time the local critics
+//! towards `y_l = r_l + gamma Q'_l` and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
+
+use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
+use super::critic::{CriticPass, View};
+use super::group::{Role, Rows};
+use super::learner::MaddpgLearner;
+use super::optimiser::{Learned, Step, clip};
+use super::options::{GlobalWeight, GradientForm};
+use super::replay::Batch;
+use super::set_critic::HEADS;
+use host_sim::stream::Stream;
+
+impl MaddpgLearner {
+    pub(super) fn learn(&mut self, stream: &mut Stream) {
+        let n = self.options.n_step as usize;
+        if self.replay.transitions(n) < self.options.warm_up_slots.max(self.options.batch) {
+            return;
+        }
+        let mut batch = std::mem::take(&mut self.batch);
+        self.replay
+            .sample(self.options.batch, n, self.options.discount, stream, &mut batch);
+        self.counters.updates += 1;
+        let delayed = self
+            .counters
+            .updates
+            .is_multiple_of(u64::from(self.options.delay));
+        let rows = Rows {
+            values: &batch.later,
+            stride: self.extent.known,
+            width: self.extent.observed,
+        };
+        self.actors.forward(Role::Target, &[rows]);
+        let outputs = self.actors.outputs();
+        let later = self.target_actions(&outputs, stream);
+        self.improve_global(&batch, &later);
+        if delayed {
+            self.improve_local(&batch, &outputs, &later);
+            self.improve_actors(&batch, stream);
+        }
+        self.batch = batch;
+    }
+
+    /// What the target actors would do, smoothed: with noise, or now and then drawn from a flatter softmax.
+    fn target_actions(&self, outputs: &[f32], stream: &mut Stream) -> Vec<f32> {
+        let options = &self.options;
+        let length = self.set.length();
+        let mut actions = Vec::with_capacity(outputs.len());
+        for outputs in outputs.chunks_exact(length) {
+            if self.set.is_choice() {
+                let flat = stream.uniform() < options.smoothing_noise;
+                let scale = if flat { 0.5 } else { 1.0 };
+                let scores: Vec<f32> = outputs.iter().map(|output| output * scale).collect();
+                one_hot(sample(&scores, stream), length, &mut actions);
+            } else {
+                actions.extend(outputs.iter().map(|&output| {
+                    let noise = options.smoothing_noise * stream.normal() as f32;
+                    let noise = noise.clamp(-options.smoothing_clip, options.smoothing_clip);
+                    (libm::tanhf(output) + noise).clamp(-1.0, 1.0)
+                }));
+            }
+        }
+        actions
+    }
+
+    /// Actions of the batch as vectors.
+    fn action_vectors(&self, batch: &Batch) -> Vec<f32> {
+        if !self.set.is_choice() {
+            return batch.actions.clone();
+        }
+        let mut vectors = Vec::with_capacity(batch.actions.len() * self.set.length());
+        for &action in &batch.actions {
+            one_hot(action as usize, self.set.length(), &mut vectors);
+        }
+        vectors
+    }
+
+    fn step(&self, first: f32, last: f32) -> Step {
+        Step {
+            learning_rate: first + (last - first) * self.progress(),
+            target_rate: self.options.target_rate,
+            scale: 1.0,
+        }
+    }
+
+    fn critic_step(&self) -> Step {
+        self.step(
+            self.options.critic_learning_rate,
+            self.options.last_critic_learning_rate,
+        )
+    }
+
+    /// Discount over n steps.
+    fn discount(&self) -> f32 {
+        (0..self.options.n_step).fold(1.0, |factor, _| factor * self.options.discount)
+    }
+
+    /// `y_g = r_g + gamma min(Q'_1, Q'_2)` by head: of the cell, or of each sub-channel's vehicles.
+    fn improve_global(&mut self, batch: &Batch, later: &[f32]) {
+        let heads = self.critic.heads();
+        let (actions, step) = (self.action_vectors(batch), self.critic_step());
+        let (critic, discount, options) = (&self.critic, self.discount(), &self.options);
+        let gradients = &self.gradients;
+        let now = batch.view(&self.extent, &batch.known);
+        let next = batch.view(&self.extent, &batch.later);
+        let [first, second] = &mut self.passes;
+        let (first_value, second_value) = rayon::join(
+            || critic.forward(&self.twins[0].target, &next, later, first),
+            || critic.forward(&self.twins[1].target, &next, later, second),
+        );
+        let mut targets = global_rewards(&now, &batch.rewards, heads);
+        for (target, (a, b)) in targets.iter_mut().zip(first_value.iter().zip(&second_value)) {
+            *target += discount * a.min(*b);
+        }
+        let improve = |learned: &mut Learned, pass: &mut CriticPass| {
+            let values = critic.forward(&learned.parameters, &now, &actions, pass);
+            let scale = 1.0 / values.len() as f32;
+            let mut loss = 0.0;
+            let slopes: Vec<f32> = values
+                .iter()
+                .zip(&targets)
+                .map(|(value, target)| {
+                    let (part, slope) = options.loss.of(value - target);
+                    loss += part * scale;
+                    slope * scale
+                })
+                .collect();
+            gradients.lend(learned.parameters.len(), |gradient| {
+                critic.gradient(&learned.parameters, &now, &slopes, pass, gradient);
+                let scale = clip(gradient, options.gradient_clip);
+                learned.step(gradient, Step { scale, ..step });
+            });
+            loss
+        };
+        let [first_twin, second_twin] = &mut self.twins;
+        let (a, b) = rayon::join(|| improve(first_twin, first), || improve(second_twin, second));
+        self.losses.global += f64::from(a + b) / 2.0;
+        self.losses.global_count += 1;
+    }
+
+    /// `y_l = r_l + gamma Q'_l`, for a choice with the target actor's expectation of Q'_l.
+    fn improve_local(&mut self, batch: &Batch, outputs: &[f32], later: &[f32]) {
+        let (discount, step) = (self.discount(), self.critic_step());
+        let (length, vehicles) = (self.set.length(), self.extent.vehicles);
+        let choice = self.set.is_choice();
+        let actions = self.action_vectors(batch);
+        let Some(critics) = &mut self.local_critics else {
+            return;
+        };
+        let known = |values| Rows {
+            values,
+            stride: self.extent.known,
+            width: self.extent.observed,
+        };
+        if choice {
+            critics.forward(Role::Target, &[known(&batch.later)]);
+        } else {
+            critics.forward(Role::Target, &[known(&batch.later), Rows::all(later, length)]);
+        }
+        let mut targets = critics.outputs();
+        if choice {
+            let expected = targets.chunks_exact(length).zip(outputs.chunks_exact(length));
+            targets = expected
+                .map(|(values, scores)| expectation(&softmax(scores), values))
+                .collect();
+        }
+        for (target, reward) in targets.iter_mut().zip(&batch.rewards) {
+            *target = reward + discount * *target;
+        }
+        if choice {
+            critics.forward(Role::Learner, &[known(&batch.known)]);
+        } else {
+            critics.forward(Role::Learner, &[known(&batch.known), Rows::all(&actions, length)]);
+        }
+        let values = critics.outputs();
+        let width = critics.network.outputs();
+        let mut slopes = vec![0.0; values.len()];
+        let scale = critics.learned.len() as f32 / taking_part(&batch.present);
+        let mut loss = 0.0;
+        for (row, target) in targets.iter().enumerate() {
+            if row % vehicles >= usize::from(batch.present[row / vehicles]) {
+                continue;
+            }
+            let index = if choice { batch.actions[row] as usize } else { 0 };
+            let (part, slope) = self.options.loss.of(values[row * width + index] - target);
+            loss += part * scale;
+            slopes[row * width + index] = slope * scale;
+        }
+        self.losses.local += f64::from(loss) / critics.learned.len() as f64;
+        critics.learn(&slopes, step, self.options.gradient_clip);
+    }
+
+    /// Up the slopes of the first twin and the local critic together (paper eq. "td3").
+    fn improve_actors(&mut self, batch: &Batch, stream: &mut Stream) {
+        let samples = self.options.actor_batch.min(batch.present.len());
+        let (length, vehicles) = (self.set.length(), self.extent.vehicles);
+        let rows = samples * vehicles;
+        let known = Rows {
+            values: &batch.known[..rows * self.extent.known],
+            stride: self.extent.known,
+            width: self.extent.observed,
+        };
+        let view = View {
+            homes: &batch.homes[..rows],
+            present: &batch.present[..samples],
+            ..batch.view(&self.extent, known.values)
+        };
+        self.actors.forward(Role::Learner, &[known]);
+        let outputs = self.actors.outputs();
+        let global_weight = match self.options.global_weight {
+            GlobalWeight::Printed => 1.0,
+            GlobalWeight::Vehicles => taking_part(view.present) / samples as f32,
+        };
+        let mut gains = match (self.set.is_choice(), self.options.gradient) {
+            (false, _) => self.slopes_along(
+                &view,
+                &outputs.iter().map(|&o| libm::tanhf(o)).collect::<Vec<_>>(),
+                known,
+                global_weight,
+            ),
+            (true, GradientForm::AllActions) => {
+                let mut actions = Vec::with_capacity(outputs.len());
+                for scores in outputs.chunks_exact(length) {
+                    one_hot(sample(scores, stream), length, &mut actions);
+                }
+                let first = &self.twins[0].parameters;
+                let mut gains =
+                    self.critic
+                        .alternatives(first, &view, &actions, self.set, &mut self.passes[0]);
+                gains.iter_mut().for_each(|gain| *gain *= global_weight);
+                self.add_local_values(&mut gains, known);
+                gains
+            }
+            (true, GradientForm::Straight) => Vec::new(),
+        };
+        let entropy_weight = interpolate(self.options.entropy, self.options.last_entropy, self.progress());
+        let scale = self.actors.learned.len() as f32 / taking_part(view.present);
+        let mut slopes = vec![0.0; outputs.len()];
+        let mut relaxed = Vec::new();
+        if gains.is_empty() {
+            let mut hard = Vec::with_capacity(outputs.len());
+            for scores in outputs.chunks_exact(length) {
+                let perturbed = gumbel(scores, stream);
+                let best =
+                    (0..length).fold(0, |best, k| if perturbed[k] > perturbed[best] { k } else { best });
+                one_hot(best, length, &mut hard);
+                let tempered: Vec<f32> = perturbed.iter().map(|p| p / self.options.temperature).collect();
+                relaxed.extend(softmax(&tempered));
+            }
+            gains = self.slopes_along(&view, &hard, known, global_weight);
+        }
+        let mut total_entropy = 0.0;
+        for row in (0..rows).filter(|row| row % vehicles < usize::from(view.present[row / vehicles])) {
+            let place = row * length..(row + 1) * length;
+            let (scores, gains) = (&outputs[place.clone()], &gains[place.clone()]);
+            let slopes = &mut slopes[place.clone()];
+            if !self.set.is_choice() {
+                for ((slope, &output), gain) in slopes.iter_mut().zip(scores).zip(gains) {
+                    let action = libm::tanhf(output);
+                    *slope = -scale * gain * (1.0 - action * action);
+                }
+                continue;
+            }
+            let probabilities = softmax(scores);
+            let weights = relaxed.get(place).unwrap_or(&probabilities);
+            let factor = if relaxed.is_empty() {
+                1.0
+            } else {
+                1.0 / self.options.temperature
+            };
+            let gain_slopes = expectation_slopes(weights, gains);
+            let (spread, spread_slopes) = entropy(&probabilities);
+            total_entropy += spread;
+            for (index, slope) in slopes.iter_mut().enumerate() {
+                *slope = -scale * (factor * gain_slopes[index] + entropy_weight * spread_slopes[index]);
+            }
+        }
+        let step = self.step(
+            self.options.actor_learning_rate,
+            self.options.last_actor_learning_rate,
+        );
+        self.actors.learn(&slopes, step, self.options.gradient_clip);
+        self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
+        self.losses.delayed_count += 1;
+    }
+
+    /// Slopes of both critics along these actions.
+    fn slopes_along(
+        &mut self,
+        view: &View<'_>,
+        actions: &[f32],
+        known: Rows<'_>,
+        global_weight: f32,
+    ) -> Vec<f32> {
+        let first = &self.twins[0].parameters;
+        let mut slopes = self
+            .critic
+            .action_slopes(first, view, actions, &mut self.passes[0]);
+        slopes.iter_mut().for_each(|slope| *slope *= global_weight);
+        if self.set.is_choice() {
+            self.add_local_values(&mut slopes, known);
+        } else if let Some(critics) = &mut self.local_critics {
+            let length = self.set.length();
+            critics.forward(Role::Learner, &[known, Rows::all(actions, length)]);
+            let ones = vec![1.0; slopes.len() / length];
+            let along = critics.input_slopes(&ones, known.width, length);
+            for (slope, local) in slopes.iter_mut().zip(along) {
+                *slope += self.options.local_weight * local;
+            }
+        }
+        slopes
+    }
+
+    /// Adds each choice's value to its own vehicle.
+    fn add_local_values(&mut self, gains: &mut [f32], known: Rows<'_>) {
+        if let Some(critics) = &mut self.local_critics {
+            critics.forward(Role::Learner, &[known]);
+            for (gain, value) in gains.iter_mut().zip(critics.outputs()) {
+                *gain += self.options.local_weight * value;
+            }
+        }
+    }
+}
+
+/// Mean own reward of the vehicles of the cell, or for each sub-channel of its vehicles, counted so that the mean over
+/// sub-channels is the same.
+fn global_rewards(view: &View<'_>, rewards: &[f32], heads: usize) -> Vec<f32> {
+    let mut sums = vec![0.0; view.samples() * heads];
+    for (row, &reward) in rewards.iter().enumerate() {
+        let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
+        if view.takes_part(sample, vehicle) {
+            let head = if heads == HEADS {
+                usize::from(view.homes[row])
+            } else {
+                0
+            };
+            sums[sample * heads + head] += reward * heads as f32 / f32::from(view.present[sample]);
+        }
+    }
+    sums
+}
+
+/// Vehicles over all samples.
+fn taking_part(present: &[u8]) -> f32 {
+    present.iter().map(|&present| f32::from(present)).sum()
+}
+
+fn interpolate(first: f32, last: f32, progress: f32) -> f32 {
+    if first > 0.0 && last > 0.0 {
+        first * libm::powf(last / first, progress)
+    } else {
+        first + (last - first) * progress
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::learner::LEARNING;
+    use super::*;
+    use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+    use crate::laboratory::learner::Learner as _;
+    use crate::laboratory::random;
+
+    /// A learner of two vehicles in the paper's form whose critics are constants: their last biases.
+    fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgLearner {
+        let settings = [
+            "scenario.cell.vehicles=2",
+            "maddpg.slots=10",
+            "maddpg.replay=10",
+            "maddpg.warm_up_slots=1",
+            "maddpg.batch=5",
+            "maddpg.actor_hidden=[4]",
+            "maddpg.local_critic_hidden=[4]",
+            "maddpg.global_critic_hidden=[4]",
+            "maddpg.critic_learning_rate=0",
+            "maddpg.last_critic_learning_rate=0",
+            "maddpg.discount=0.5",
+            "maddpg.delay=1",
+        ];
+        let source = ConfigurationSource {
+            preset: Preset::Paper,
+            file: None,
+            settings: settings.map(str::to_owned).to_vec(),
+        };
+        let configuration = source.read().unwrap();
+        let Algorithm::Maddpg(options) = &configuration.algorithm else {
+            unreachable!("the preset's algorithm");
+        };
+        let mut learner = MaddpgLearner::new(&configuration.scenario, options, 1);
+        let constant = |learned: &mut Learned, value: f32| {
+            let mut parameters = vec![0.0; learned.parameters.len()];
+            *parameters.last_mut().unwrap() = value;
+            *learned = Learned::new(parameters);
+        };
+        for (learned, value) in learner.twins.iter_mut().zip(biases) {
+            constant(learned, value);
+        }
+        for learned in &mut learner.local_critics.as_mut().unwrap().learned {
+            constant(learned, local);
+        }
+        learner
+    }
+
+    /// With constant critics the losses say what the targets were: `r_g + gamma min(Q'_1, Q'_2)` and `r_l + gamma Q'_l`.
+    #[test]
+    fn targets_are_rewards_and_the_least_twin() {
+        let mut learner = constant_critics([3.0, -1.0], 2.0);
+        let metrics = learner.advance();
+        let mut batch = Batch::default();
+        // The one update's batch again: its draws follow the episode's exploration in the same stream.
+        let mut stream = random::episode(1, 0, LEARNING);
+        let draws_before = 10 * 2 * 2;
+        (0..draws_before).for_each(|_| {
+            let _noise = stream.normal();
+        });
+        learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
+        let square = |value: f64| value * value;
+        let global_reward =
+            |sample: usize| f64::from(batch.rewards[2 * sample] + batch.rewards[2 * sample + 1]) / 2.0;
+        let global: f64 = (0..5)
+            .map(|sample| {
+                let target = global_reward(sample) - 0.5;
+                (square(3.0 - target) + square(-1.0 - target)) / 2.0 / 5.0
+            })
+            .sum();
+        let local: f64 = batch
+            .rewards
+            .iter()
+            .map(|&reward| square(2.0 - (f64::from(reward) + 1.0)) / 10.0)
+            .sum();
+        assert!((metrics.get("global_loss").unwrap() - global).abs() < 1e-4 * global);
+        assert!((metrics.get("local_loss").unwrap() - local).abs() < 1e-4 * local);
+    }
+}
