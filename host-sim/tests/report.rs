@@ -245,8 +245,17 @@ fn figures_hold_what_they_are_given() {
                 "{name} lacks '{text}': {found:?}"
             );
         }
-        assert!(svg.starts_with("<svg width=\"900\" height=\""), "{}", &svg[..80]);
+        let start = "<svg role=\"img\" width=\"900\" height=\"";
+        assert!(svg.starts_with(start), "{}", &svg[..80]);
     }
+    let mut chart = policy_chart();
+    chart.title = "a < b & \"c\"".into();
+    let svg = chart.to_svg().unwrap();
+    assert_eq!(
+        svg.lines().nth(1),
+        Some("<title>a &lt; b &amp; &quot;c&quot;</title>")
+    );
+    assert_eq!(texts(&svg)[0], "a &lt; b &amp; &quot;c&quot;");
 }
 
 #[test]

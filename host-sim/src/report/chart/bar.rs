@@ -126,7 +126,7 @@ impl BarChart {
             bottom: height - below,
         };
         let row = (plot.bottom - plot.top) / self.bars.len() as f64;
-        draw_svg((WIDTH_PX, height), |canvas| {
+        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
             canvas.title_and_note(&title, &note, height)?;
             canvas.horizontal_axis(&plot, &ticks, &label)?;
             for (index, bar) in self.bars.iter().enumerate() {

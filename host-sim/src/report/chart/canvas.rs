@@ -2,6 +2,7 @@
 
 use super::axis::Ticks;
 use crate::error::{Error, Result};
+use maud::html;
 use plotters::coord::Shift;
 use plotters::element::DashedPathElement;
 use plotters::prelude::{
@@ -173,8 +174,9 @@ pub(super) struct Canvas<'text> {
     area: DrawingArea<SVGBackend<'text>, Shift>,
 }
 
-/// Draws a figure of the given size and gives its SVG.
+/// Draws a figure of the given size and gives its SVG. Who cannot see it hears its title.
 pub(super) fn draw_svg(
+    title: &str,
     (width_px, height_px): (f64, f64),
     draw: impl FnOnce(&Canvas<'_>) -> Result<()>,
 ) -> Result<String> {
@@ -189,11 +191,15 @@ pub(super) fn draw_svg(
     // The view box keeps the fine units; the figure's own size is in pixels.
     let fine = format!("<svg width=\"{}\" height=\"{}\"", size.0, size.1);
     let coarse = format!(
-        "<svg width=\"{}\" height=\"{}\"",
+        "<svg role=\"img\" width=\"{}\" height=\"{}\"",
         size.0 / UNITS_PER_PIXEL,
         size.1 / UNITS_PER_PIXEL
     );
-    Ok(text.replacen(&fine, &coarse, 1))
+    // As the first element, where readers of the screen look for a drawing's name.
+    let name = html! { title { (title) } }.into_string();
+    Ok(text
+        .replacen(&fine, &coarse, 1)
+        .replacen(">\n", &format!(">\n{name}\n"), 1))
 }
 
 fn units(pixels: f64) -> i32 {

@@ -113,7 +113,7 @@ impl LineChart {
             right,
             bottom,
         };
-        draw_svg((WIDTH_PX, height), |canvas| {
+        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
             canvas.title_and_note(&title, &note, height)?;
             canvas.horizontal_axis(&plot, &horizontal, &x_label)?;
             canvas.vertical_axis(

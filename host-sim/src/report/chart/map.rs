@@ -86,7 +86,7 @@ impl MapChart {
             plot.bottom + 40.0 + LABEL_PX * LINE_HEIGHT + note.len() as f64 * NOTE_PX * LINE_HEIGHT + RIM_PX;
         let horizontal = Ticks::tight(Scale::Linear, [0.0, ground_x]);
         let vertical = Ticks::tight(Scale::Linear, [0.0, ground_y]);
-        draw_svg((WIDTH_PX, height), |canvas| {
+        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
             canvas.title_and_note(&title, &note, height)?;
             canvas.horizontal_axis(&plot, &horizontal, &["x (m)".to_owned()])?;
             canvas.vertical_axis(&plot, &vertical, &["y (m)".to_owned()], RIM_PX + LABEL_PX / 2.0)?;

@@ -124,7 +124,7 @@ impl OccupancyChart {
         };
         let first = f64::from(self.first_slot);
         let ticks = Ticks::tight(super::Scale::Linear, [first, first + slots as f64]);
-        draw_svg((WIDTH_PX, height), |canvas| {
+        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
             canvas.title_and_note(&title, &note, height)?;
             for (x, line, kind) in &legend {
                 let (_, name, colour, share) = SlotUse::DRAWN[*kind];
