@@ -97,7 +97,7 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         title: "How often information is older".to_owned(),
         note: description.to_owned(),
         horizontal: Axis::linear("age (ms)"),
-        vertical: Axis::logarithmic("fraction of vehicle-slots above"),
+        vertical: Axis::logarithmic("fraction of vehicle-slots with an older report (1)"),
         series: series(results, |ages| exceedance(&ages.distribution)),
         references: Vec::new(),
     };

@@ -61,7 +61,7 @@ pub fn figures(scenario: &Scenario, measured: &[MeasuredAges], description: &str
         &by_delta,
         0,
         "Mean volume over capacity of roads",
-        Axis::linear("mean V/C"),
+        Axis::linear("mean V/C (1)"),
         Some(1.0),
         description,
     )?;

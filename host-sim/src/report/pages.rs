@@ -6,8 +6,14 @@ use super::html::{Block, Page, Section};
 use super::text_table::TextTable;
 use crate::command::run::PreparedRun;
 use crate::error::Result;
+use crate::policy::PolicyName;
 use crate::revision::{own_revision, revision_text};
 use crate::scenario::{KEYS, Preset};
+use clap::ValueEnum as _;
+
+/// What is simulated, for who reads a report before anything else.
+const SCENE: &str = "Vehicles share a few radio sub-channels to one base station. In every slot of 1 ms each decides whether, where \
+                     and how loudly to send, so that what the base station knows stays fresh.";
 
 /// The report of `run`. `set` holds its figures by file name.
 ///
@@ -24,10 +30,10 @@ pub fn run(
     let mut sections = vec![
         Section {
             heading: "Age of information",
-            text: "How old the base station's latest report of a vehicle is, averaged over vehicles and slots. No policy can \
-                   be below the bound."
+            text: "How old the base station's latest report of a vehicle is, averaged over vehicles and slots. A policy says who \
+                   sends when. None can be below the bound."
                 .to_owned(),
-            blocks: [Block::table(ages)].into_iter().chain(figures(&[(
+            blocks: [meanings(&prepared.policies), Block::table(ages)].into_iter().chain(figures(&[(
                 "mean_age.svg",
                 "Mean age by policy on a logarithmic scale. A bar's length is the ratio to the bound; whiskers are 95 % \
                  intervals over worlds.",
@@ -57,8 +63,9 @@ pub fn run(
             blocks: figures(&[
                 (
                     "occupancy.svg",
-                    "Each policy's use of the sub-channels in the same slots of one world. Full squares are reports that \
-                     arrived; half ones are collisions, in which nothing did.",
+                    "Each policy's use of the sub-channels in the same slots of one world. The higher a mark, the better: full \
+                     where the only sender was heard, half where several sent and nothing arrived. Nobody sent where there is \
+                     none.",
                 ),
                 (
                     "age_map.svg",
@@ -71,12 +78,15 @@ pub fn run(
     if let Some(table) = traffic {
         sections.push(Section {
             heading: "On the road",
-            text: "The base station plans routes on road capacities that it knows as well as its reports are fresh.".to_owned(),
+            text: "The base station plans routes on road capacities that it knows as well as its reports are fresh. V/C is a \
+                   road's traffic volume over its capacity; \"if informed\" is the trip time on the same roads with routes \
+                   planned on the truth."
+                .to_owned(),
             blocks: [Block::table(table)].into_iter().chain(figures(&[
                 (
                     "volume_over_capacity.svg",
                     "The paper's figure: every road has the same age, and delta m of its capacity is lost at 100 ms. Above the \
-                     dashed line roads carry more than they can.",
+                     dotted line roads carry more than they can.",
                 ),
                 (
                     "travel_time.svg",
@@ -90,11 +100,11 @@ pub fn run(
     let actor = results.iter().find(|result| result.name == "actor");
     let bound = prepared.simulation().bound_age_ms();
     let summary = actor.map_or_else(
-        || "Ages of the chosen policies on the same worlds.".to_owned(),
+        || format!("{SCENE} These are the ages of the chosen policies on the same worlds."),
         |actor| {
             format!(
-                "The decentralised actor keeps a vehicle's report {:.2} ms old on average, {:.1} % above what any schedule \
-                 could reach without fading.",
+                "{SCENE} The network in the vehicles, called actor, keeps a vehicle's report {:.2} ms old on average, {:.1} % \
+                 above what the best schedule could reach without fading.",
                 actor.ages.mean_ms,
                 100.0 * (actor.ages.mean_ms / bound - 1.0)
             )
@@ -115,8 +125,8 @@ pub fn closed_loop<const COLUMNS: usize>(
     let captions = [
         (
             "loop_regret.svg",
-            "How much longer a trip takes than with full knowledge, plan by plan. The policies differ by how soon the base \
-             station hears of an incident.",
+            "Regret, plan by plan. The policies differ by how soon the base station hears of an incident; what it cannot hear \
+             of, where no vehicle drives, costs all the same.",
         ),
         (
             "loop_capacity_error.svg",
@@ -126,13 +136,20 @@ pub fn closed_loop<const COLUMNS: usize>(
     let sections = vec![Section {
         heading: "From slot to street",
         text: "Incidents take road capacity, vehicles report them by radio, and the base station plans all routes anew on \
-               what it has heard."
+               what it has heard. Regret is how much longer a trip takes than with full knowledge."
             .to_owned(),
-        blocks: [Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
+        blocks: [meanings(&prepared.policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
     }];
     let summary =
-        "What a policy's freshness is worth to a trip, on the same worlds and incidents.".to_owned();
+        format!("{SCENE} This is what freshness is worth to a trip, on the same worlds and incidents.");
     page("Freshlane: from slot to street", summary, prepared, sections)
+}
+
+/// What the policies do, in the words of the command line's help.
+fn meanings(policies: &[PolicyName]) -> Block {
+    let help = |policy: &PolicyName| policy.to_possible_value()?.get_help().map(ToString::to_string);
+    let meaning = |policy: &PolicyName| (policy.name(), help(policy).unwrap_or_default());
+    Block::terms(&policies.iter().map(meaning).collect::<Vec<_>>())
 }
 
 /// The figures that a set holds, with their captions.

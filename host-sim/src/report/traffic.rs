@@ -40,8 +40,10 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {
     table.note(
         "Uniform: every road has the policy's mean age, as in the paper's figures; no route changes then.",
     );
-    table.note("Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives. Most roads");
-    table.note("are empty under every policy, which is why V/C is high. `host-sim loop` shows what staleness costs a trip.");
+    table.note(
+        "Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives.",
+    );
+    table.note("Most roads are empty under every policy, which is why V/C is high. `host-sim loop` shows what staleness costs a trip.");
     table
 }
 
@@ -133,7 +135,7 @@ pub fn paper_figures(scenario: &Scenario) -> Result<Vec<NamedText>> {
         title: "Mean volume over capacity of roads against age of information".to_owned(),
         note: note.clone(),
         horizontal: Axis::linear("mean age of information (ms)"),
-        vertical: Axis::linear("mean V/C"),
+        vertical: Axis::linear("mean V/C (1)"),
         series: ratios,
         references: vec![Reference {
             name: "capacity".to_owned(),

@@ -60,6 +60,11 @@ impl Block {
         Self(html! { figure { (PreEscaped(svg)) figcaption { (caption) } } })
     }
 
+    /// Names and what they stand for.
+    pub fn terms(terms: &[(&str, String)]) -> Self {
+        Self(html! { dl { @for (name, value) in terms { dt { (name) } dd { (value) } } } })
+    }
+
     /// Long text that unfolds.
     pub fn folded(summary: &str, text: &str) -> Self {
         Self(html! { details { summary { (summary) } pre { (text) } } })
@@ -85,7 +90,7 @@ impl Page {
                     main {
                         h1 { (self.title) }
                         p { (self.summary) }
-                        dl { @for (name, value) in &self.facts { dt { (name) } dd { (value) } } }
+                        (Block::terms(&self.facts).0)
                         nav aria-label="Contents" {
                             @for (index, section) in self.sections.iter().enumerate() {
                                 a href={ "#" (anchor(index)) } { (section.heading) }
