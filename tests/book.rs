@@ -5,7 +5,7 @@ use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use system_tests::image;
+use system_tests::{image, program};
 
 /// The one command that is no program of the workspace; `image::elf` runs it.
 const IMAGE_BUILD: &str = "cargo build -p firmware --profile firmware --target thumbv7em-none-eabihf";
@@ -72,20 +72,8 @@ fn commands(text: &str) -> Vec<String> {
     found
 }
 
-/// Programs of the workspace, by what the book calls them. Cargo builds them before the tests of a whole workspace; it holds its
-/// lock while tests run, so they cannot be built from here.
+/// Programs of the workspace, by what the book calls them.
 fn programs() -> [(&'static str, PathBuf); 2] {
-    let test = std::env::current_exe().unwrap();
-    let folder = test.ancestors().nth(2).unwrap();
-    let program = |name: &str| {
-        let path = folder.join(name);
-        assert!(
-            path.exists(),
-            "{} is missing: cargo build -p {name}",
-            path.display()
-        );
-        path
-    };
     [
         ("cargo run --release -p trainer -- ", program("trainer")),
         ("cargo run --release", program("host-sim")),

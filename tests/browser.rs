@@ -1,4 +1,5 @@
-//! The page in a real browser: it runs the simulator's own code, and nothing that a visitor sets ends it.
+//! The page in a real browser: it runs the simulator's own code, and nothing that a visitor sets ends it. The reports there:
+//! they stand alone and can be read.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::table::Table;
@@ -8,11 +9,54 @@ use host_sim::policy::PolicyName;
 use host_sim::scenario::ScenarioSource;
 use host_sim::simulation::{Extent, Simulation};
 use std::path::Path;
+use std::process::Command;
 use system_tests::browser::{Page, serve};
+use system_tests::program;
 
 const SEED: u64 = 18_446_744_073_709_551_557;
 const WARMUP: u32 = 500;
 const SLOTS: u32 = 1000;
+
+/// Largest report, bytes.
+const REPORT_BYTES: u64 = 3_000_000;
+/// Least contrast of text with its background, after the Web Content Accessibility Guidelines 2.2, 1.4.3.
+const LEAST_CONTRAST: f64 = 4.5;
+/// Width of a small telephone, CSS pixels.
+const TELEPHONE_PX: u32 = 360;
+
+/// What each figure has. The numbers of an axis tell it: they are centred below a horizontal one, end beside a vertical one and
+/// begin beside a scale of colours.
+const FIGURES: &str = r"[...document.querySelectorAll('figure')].map((figure) => {
+    const drawing = figure.querySelector(':scope > svg[role=img]');
+    const texts = [...(drawing?.querySelectorAll('text') ?? [])];
+    const having = (pattern) => texts.filter((text) => pattern.test(text.textContent.trim()));
+    return {
+        title: drawing?.querySelector(':scope > title:first-child')?.textContent.trim() ?? '',
+        caption: figure.querySelector('figcaption')?.textContent.trim() ?? '',
+        axes: new Set(having(/^[-−]?[\d.,]+$/).map((number) => number.getAttribute('text-anchor'))).size,
+        labels: having(/\((1|ms|s|m|s per trip|veh\/h)\)$/).length,
+    };
+})";
+
+/// The least contrast of a text outside drawings with what is behind it.
+const CONTRAST: &str = r"(() => {
+    const channels = (colour) => colour.match(/[\d.]+/g).map(Number);
+    const luminance = (colour) => {
+        const linear = channels(colour).slice(0, 3).map((value) => value / 255)
+            .map((value) => value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+    };
+    const behind = (element) => {
+        const own = getComputedStyle(element).backgroundColor;
+        return (channels(own)[3] ?? 1) === 1 ? own : element === document.body ? 'rgb(255, 255, 255)' : behind(element.parentElement);
+    };
+    const speaks = (element) => [...element.childNodes].some((node) => node.nodeType === Node.TEXT_NODE && node.data.trim());
+    const contrasts = [...document.body.querySelectorAll(':not(svg, svg *)')].filter(speaks).map((element) => {
+        const pair = [luminance(getComputedStyle(element).color), luminance(behind(element))].sort((a, b) => b - a);
+        return (pair[0] + 0.05) / (pair[1] + 0.05);
+    });
+    return Math.min(...contrasts);
+})()";
 
 fn open(link: &str) -> Page {
     let address = serve(Path::new(env!("CARGO_MANIFEST_DIR")).join("../web/page"));
@@ -208,4 +252,85 @@ fn any_setting_leaves_a_running_cell() {
     );
     runs();
     assert_nothing_went_wrong(&page);
+}
+
+/// Runs `host-sim` and looks at the report that it writes.
+fn assert_report_can_be_read(arguments: &[&str], file: &str, figure_count: usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(program("host-sim"))
+        .args(arguments)
+        .args(["--out", "."])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let bytes = folder.path().join(file).metadata().unwrap().len();
+    assert!(bytes < REPORT_BYTES, "{file}: {bytes} bytes");
+
+    let address = format!("http://{}/{file}", serve(folder.path().to_owned()));
+    let page = Page::open(&address, (1280, 900));
+    let figures = page.value(FIGURES);
+    let figures = figures.as_array().unwrap();
+    assert_eq!(figures.len(), figure_count, "{figures:#?}");
+    for figure in figures {
+        let count = |key: &str| figure[key].as_u64().unwrap();
+        let empty = |key: &str| figure[key].as_str().unwrap().is_empty();
+        assert!(!empty("title") && !empty("caption"), "{figure:#}");
+        assert!(
+            count("axes") > 0 && count("labels") == count("axes"),
+            "{figure:#}"
+        );
+    }
+
+    // What is folded is read, too.
+    let _ = page.value("document.querySelectorAll('details').forEach((part) => part.open = true)");
+    let filters =
+        "[...document.querySelectorAll('figure svg')].map((drawing) => getComputedStyle(drawing).filter)";
+    for (medium, colour_scheme, dark) in [
+        ("screen", "light", false),
+        ("screen", "dark", true),
+        ("print", "dark", false),
+    ] {
+        page.show_as(medium, colour_scheme);
+        let contrast = page.value(CONTRAST).as_f64().unwrap();
+        assert!(
+            contrast >= LEAST_CONTRAST,
+            "{file}, {medium}, {colour_scheme}: {contrast}"
+        );
+        let ground = page.value("getComputedStyle(document.body).backgroundColor");
+        assert_eq!(ground == "rgb(255, 255, 255)", !dark, "{medium}, {colour_scheme}");
+        // Figures are drawn dark on white.
+        for filter in page.value(filters).as_array().unwrap() {
+            let inverted = filter.as_str().unwrap().starts_with("invert(");
+            assert_eq!(inverted, dark, "{file}, {medium}, {colour_scheme}: {filter}");
+        }
+    }
+    page.show_as("screen", "light");
+    page.narrow_to(TELEPHONE_PX);
+    page.wait_for(&format!("innerWidth === {TELEPHONE_PX}"));
+    assert_eq!(
+        page.value("document.documentElement.scrollWidth"),
+        page.value("document.documentElement.clientWidth"),
+        "{file} is wider than a telephone"
+    );
+    assert_eq!(
+        page.complaints(),
+        Vec::<String>::new(),
+        "the console is not empty"
+    );
+    let mut requests = page.requests();
+    // The empty icon stands in the page itself.
+    requests.retain(|url| !url.starts_with("data:"));
+    assert_eq!(requests, [address], "a report asks nobody");
+}
+
+#[test]
+fn reports_stand_alone_and_can_be_read() {
+    // All policies and slots, as by default, in few worlds: figures have their full size.
+    assert_report_can_be_read(&["run", "--worlds", "4"], "report.html", 7);
+    assert_report_can_be_read(&["loop", "--worlds", "2"], "loop.html", 2);
 }

@@ -1,7 +1,7 @@
 //! The page in a real browser: a file server on the loopback interface and a headless Chromium that looks at it.
 
 use headless_chrome::protocol::cdp::types::Event;
-use headless_chrome::protocol::cdp::{Network, Performance};
+use headless_chrome::protocol::cdp::{Emulation, Network, Performance};
 use headless_chrome::{Browser, LaunchOptions, Tab};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
@@ -172,6 +172,50 @@ impl Page {
             "((control) => {{ control.value = '{value}'; control.dispatchEvent(new Event('input')); \
              control.dispatchEvent(new Event('change')); }})(document.getElementById('{control}'))"
         ));
+    }
+
+    /// Shows the page as a medium, `screen` or `print`, to a reader who prefers a colour scheme, `light` or `dark`.
+    ///
+    /// # Panics
+    /// If the browser is gone.
+    pub fn show_as(&self, medium: &str, colour_scheme: &str) {
+        let preference = Emulation::MediaFeature {
+            name: "prefers-color-scheme".to_owned(),
+            value: colour_scheme.to_owned(),
+        };
+        let _ = self
+            .tab
+            .call_method(Emulation::SetEmulatedMedia {
+                media: Some(medium.to_owned()),
+                features: Some(vec![preference]),
+            })
+            .unwrap();
+    }
+
+    /// Gives the page this width in CSS pixels, also one that no window has.
+    ///
+    /// # Panics
+    /// If the browser is gone.
+    pub fn narrow_to(&self, width_px: u32) {
+        let _ = self
+            .tab
+            .call_method(Emulation::SetDeviceMetricsOverride {
+                width: width_px,
+                height: 800,
+                device_scale_factor: 1.0,
+                mobile: false,
+                scale: None,
+                screen_width: None,
+                screen_height: None,
+                position_x: None,
+                position_y: None,
+                dont_set_visible_size: None,
+                screen_orientation: None,
+                viewport: None,
+                display_feature: None,
+                device_posture: None,
+            })
+            .unwrap();
     }
 
     /// Presses a key with the focus where it is.

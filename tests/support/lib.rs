@@ -16,6 +16,23 @@ pub use noise::below;
 use firmware::measurement::{Broadcast, Measurement};
 use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
 use rand_core::Rng;
+use std::path::PathBuf;
+
+/// Where a program of the workspace lies. Cargo builds all of them before the tests of a whole workspace; it holds its lock while
+/// tests run, so they cannot be built from here.
+///
+/// # Panics
+/// If it is not built: a check that cannot run has failed.
+pub fn program(name: &str) -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let path = test.ancestors().nth(2).unwrap().join(name);
+    assert!(
+        path.exists(),
+        "{} is missing: cargo build -p {name}",
+        path.display()
+    );
+    path
+}
 
 /// A valid measurement of `slot`, spread over everything that a cell brings: gains from -10 to 70 dB (and now and then any
 /// level at all), interference up to 40 dB, every age, home and period.
