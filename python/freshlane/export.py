@@ -76,6 +76,9 @@ def export(
         rows = _arguments.array("calibration", calibration, "i", "int8")
         if rows.dtype != np.int8:
             raise TypeError(f"calibration: found an array of {rows.dtype}, expected int8")
+        if not rows.size:
+            raise ValueError("calibration: found no observations, expected at least one")
+        rows = np.ascontiguousarray(rows)
     if max_vehicles is None:
         max_vehicles = int(scenario["cell.vehicles"])
     table = floats.quantise(scenario, rows, max_vehicles, seed)
@@ -96,11 +99,15 @@ def layers_of(network: Any) -> Layers:
     if not isinstance(network, Iterable):
         expected = "a torch module, or pairs of weights and biases"
         raise TypeError(f"network: found {type(network).__name__}, expected {expected}")
-    return [_layer(index, *pair) for index, pair in enumerate(network)]
+    return [_layer(index, pair) for index, pair in enumerate(network)]
 
 
-def _layer(index: int, weights: Any, biases: Any) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _layer(index: int, pair: Any) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     name = f"network: layer {index}"
+    try:
+        weights, biases = pair
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: found {type(pair).__name__}, expected a pair of weights and biases") from None
     matrix = _arguments.array(f"{name} weights", weights, "f", "numbers such as float32")
     vector = _arguments.array(f"{name} biases", biases, "f", "numbers such as float32")
     for what, found, dimensions in (("weights", matrix, 2), ("biases", vector, 1)):
@@ -128,7 +135,7 @@ def _of_module(module: Any) -> Layers:
         if kind == "Linear":
             if leaf.bias is None:
                 raise ValueError(f"network: part {place}: found a Linear without bias, expected one with it")
-            layers.append(_layer(len(layers), leaf.weight, leaf.bias))
+            layers.append(_layer(len(layers), (leaf.weight, leaf.bias)))
     if len(leaves) % 2 == 0:
         raise ValueError("network: found a ReLU at the end, expected a Linear")
     return layers

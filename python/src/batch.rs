@@ -1,7 +1,7 @@
 //! The batch of worlds as a Python class: checks what comes in, hands out the views.
 
 use crate::arrays::Reward;
-use crate::error::{exception, value_error};
+use crate::error::{exception, in_c_order, value_error};
 use crate::evaluation::Evaluation;
 use crate::scenario::{Scenario, Setting, names};
 use crate::table::Table;
@@ -287,8 +287,7 @@ impl Batch {
             let text = |shape: &[usize]| format!("shape ({}, {})", shape[0], shape[1]);
             return Err(value_error(name, text(shape), text(&expected)));
         }
-        let values = array.as_slice();
-        values.map_err(|error| value_error(name, error, "an array in C order"))
+        in_c_order(name, array)
     }
 
     /// An element's name in errors.

@@ -15,6 +15,7 @@ use host_sim::stream::Purpose;
 use numpy::{
     IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use trainer::command::eval::compare;
@@ -113,7 +114,8 @@ impl FloatNetwork {
         seed: u64,
     ) -> PyResult<Table> {
         check_range("max_vehicles", max_vehicles.into(), 1, 300)?;
-        let refuse = |error: String| value_error("network", error, "one that the table's integers can hold");
+        // What errors of quantising and packing say is whole.
+        let refuse = |error: String| PyValueError::new_err(format!("network: {error}"));
         let quantised =
             quantise(&self.inner, input_rows(&calibration)?).map_err(|error| refuse(error.to_string()))?;
         let scenario = &scenario.inner;

@@ -1,6 +1,6 @@
 //! Firmware tables: the shipped one, or one from a file; what they decide.
 
-use crate::error::{exception, value_error};
+use crate::error::{exception, in_c_order, value_error};
 use firmware::actor::Actor;
 use firmware::decision::{ACTIONS, Action};
 use firmware::observation::INPUTS;
@@ -119,7 +119,7 @@ impl Table {
     ///
     /// observations: int8 (..., 20), in C order. Returns int32 (..., 6) in the table's common output scale.
     ///
-    /// Raises TypeError for another type, ValueError for another shape.
+    /// Raises TypeError for another type, ValueError for another shape or order.
     fn outputs<'py>(
         &self,
         py: Python<'py>,
@@ -135,7 +135,7 @@ impl Table {
     ///
     /// observations: int8 (..., 20), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
     ///
-    /// Raises TypeError for another type, ValueError for another shape.
+    /// Raises TypeError for another type, ValueError for another shape or order.
     fn act<'py>(
         &self,
         py: Python<'py>,
@@ -175,14 +175,15 @@ impl Table {
 /// # Errors
 /// `ValueError` for rows of another length, or ones that do not lie one behind the other.
 pub fn input_rows<'a>(observations: &'a PyReadonlyArrayDyn<'_, i8>) -> PyResult<&'a [[i8; INPUTS]]> {
-    let (shape, expected) = (observations.shape(), format!("(..., {INPUTS}) in C order"));
-    let flat = observations
-        .as_slice()
-        .ok()
-        .filter(|_| shape.last() == Some(&INPUTS));
-    let (rows, _) = flat
-        .ok_or_else(|| value_error("observations", format!("shape {shape:?}"), expected))?
-        .as_chunks::<INPUTS>();
+    let shape = observations.shape();
+    if shape.last() != Some(&INPUTS) {
+        return Err(value_error(
+            "observations",
+            format!("shape {shape:?}"),
+            format!("(..., {INPUTS})"),
+        ));
+    }
+    let (rows, _) = in_c_order("observations", observations)?.as_chunks();
     Ok(rows)
 }
 

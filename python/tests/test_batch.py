@@ -135,6 +135,30 @@ def test_action_types_agree():
     assert (envs[0].ages == envs[1].ages).all() and (envs[0].ages == envs[2].ages).all()
 
 
+def test_actions_in_any_order_are_the_same():
+    """Fortran's order, gaps, reversed rows, other bytes and lists."""
+    actions = np.random.default_rng(3).integers(0, 6, (40, 20)).astype(np.uint8)
+    same = (
+        np.asfortranarray(actions),
+        np.repeat(actions, 2, axis=1)[:, ::2],
+        actions[::-1].copy()[::-1],
+        actions.astype(">i4"),
+        actions.tolist(),
+    )
+    expected = environment()
+    expected.step(actions)
+    for other in same:
+        env = environment()
+        env.step(other)
+        assert (env.ages == expected.ages).all() and (env.observations == expected.observations).all()
+    by_power = environment()
+    channels, powers = np.where(actions > 0, by_power.home_sub_channels, -1), np.full((40, 20), 30.0)
+    by_power.transmit(np.asfortranarray(channels), np.asfortranarray(powers))
+    expected = environment()
+    expected.transmit(channels, powers)
+    assert (by_power.ages == expected.ages).all()
+
+
 def test_transmissions_are_the_actions_in_sub_channels_and_dbm():
     by_action, by_power = environment(), environment()
     rng = np.random.default_rng(2)
@@ -183,6 +207,10 @@ ZEROS = np.zeros((40, 20), np.uint8)
         (ZEROS + 6, ValueError, r"actions\[0, 0\]: found 6, expected 0 to 5"),
         (ZEROS.astype(int) - 1, ValueError, r"actions\[0, 0\]: found -1, expected 0 to 5"),
         (ZEROS.astype(np.uint64) + 2**63, ValueError, "actions: found 9223372036854775808, expected 0 to 5"),
+        (np.where(np.arange(800).reshape(40, 20) == 799, 6, ZEROS), ValueError, r"actions\[39, 19\]: found 6"),
+        (ZEROS.T, ValueError, r"actions: found shape \(20, 40\), expected shape \(40, 20\)"),
+        (np.full((40, 20), np.nan), TypeError, "actions: found an array of float64, expected whole numbers"),
+        (None, TypeError, "actions: found an array of object, expected whole numbers"),
         (ZEROS.astype(float), TypeError, "actions: found an array of float64, expected whole numbers"),
         (ZEROS.astype(bool), TypeError, "actions: found an array of bool, expected whole numbers"),
         ([["a"]], TypeError, "actions: found an array of <U1"),
@@ -207,16 +235,34 @@ def test_bad_actions_are_named_and_change_nothing(actions, error, message):
         (0, np.inf, r"powers_dbm\[0, 0\]: found inf"),
     ],
 )
-def test_bad_transmissions_are_named(channels, powers, message):
+def test_bad_transmissions_are_named_and_change_nothing(channels, powers, message):
+    env = environment()
+    before = env.observations.copy()
     with pytest.raises(ValueError, match=message):
-        environment().transmit(np.full((40, 20), channels), np.full((40, 20), powers))
+        env.transmit(np.full((40, 20), channels), np.full((40, 20), powers))
+    assert env.elapsed == 0 and (env.observations == before).all()
+    # As if it had never been tried.
+    other = environment()
+    for each in (env, other):
+        each.step(np.ones((40, 20), np.uint8))
+    assert (env.ages == other.ages).all() and (env.observations == other.observations).all()
+
+
+@pytest.mark.parametrize(("seed", "error"), [(-1, OverflowError), (2**64, OverflowError), (1.5, TypeError), ("x", TypeError)])
+def test_bad_seeds_are_named_and_change_nothing(seed, error):
+    env = environment()
+    env.step(np.ones((40, 20), np.uint8))
+    before = env.observations.copy()
+    with pytest.raises(error, match="seed"):
+        env.reset(seed=seed)
+    assert env.elapsed == 1 and env.seed == 5 and (env.observations == before).all()
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
         ({"worlds": 0}, ValueError, "worlds: found 0, expected 1 to 1000000"),
-        ({"worlds": -1}, OverflowError, "worlds|can't convert negative"),
+        ({"worlds": -1}, OverflowError, "worlds"),
         ({"seed": "x"}, TypeError, "seed"),
         ({"slots": 0}, ValueError, "slots: found 0, expected at least 1"),
         ({"encoding": "int4"}, ValueError, 'encoding: found "int4", expected "int8", "float32"'),

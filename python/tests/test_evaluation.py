@@ -139,5 +139,11 @@ def test_bad_observations_are_named():
     table = Table.shipped()
     with pytest.raises(ValueError, match=r"observations: found shape \[3, 19\]"):
         table.act(np.zeros((3, 19), np.int8))
-    with pytest.raises(TypeError, match="observations"):
-        table.act(np.zeros((3, 20)))
+    for wrong in (np.zeros((3, 20)), np.zeros((3, 20), np.uint8), np.full((3, 20), np.nan), [[0] * 20], None):
+        with pytest.raises(TypeError, match="observations"):
+            table.act(wrong)
+    # Never read in the wrong order.
+    for wrong in (np.zeros((3, 20), np.int8, order="F"), np.zeros((3, 40), np.int8)[:, ::2]):
+        for function in (table.act, table.outputs):
+            with pytest.raises(ValueError, match="observations: found an array in another order, expected C order"):
+                function(wrong)

@@ -57,6 +57,8 @@ def test_a_seed_gives_the_same_table():
 def test_own_calibration_and_limits():
     codes = BatchEnvironment(worlds=200).observations.reshape(-1, 20)
     exported = export(rules(), calibration=codes, max_vehicles=30, **EXTENT)
+    in_another_order = export(rules(), calibration=np.asfortranarray(codes), max_vehicles=30, **EXTENT)
+    assert bytes(in_another_order.table) == bytes(exported.table)
     assert exported.table.max_vehicles == 30
     tighter = Scenario(settings={"radio.max_power_dbm": 23})
     assert export(rules(), tighter, **EXTENT).table.max_power_dbm == 23.0
@@ -73,13 +75,14 @@ def changed(layer, part, value):
     [
         ([], ValueError, "network: found 0 layers, expected 1 to 4 layers"),
         (rules() + 3 * rules()[1:], ValueError, "network: found 5 layers"),
+        ([(np.zeros((6, 20)),)], TypeError, "network: layer 0: found tuple, expected a pair of weights and biases"),
         (3, TypeError, "network: found int, expected a torch module, or pairs"),
         (changed(0, 0, np.zeros((2, 19))), ValueError, "network: layer 0: found 19 inputs, expected 20"),
         (changed(0, 1, np.zeros(3)), ValueError, "network: layer 0: found 3 biases, expected 2"),
         (rules()[:1], ValueError, "network: layer 0: found 2 outputs, expected 6, one an action"),
         (changed(0, 0, np.zeros((2, 20), int)), TypeError, "layer 0 weights: found an array of int64"),
         (changed(0, 0, np.zeros(20)), ValueError, r"layer 0 weights: found shape \(20,\)"),
-        (changed(1, 0, np.full((6, 2), np.nan)), ValueError, "layer 1: found a parameter that is not finite"),
+        (changed(1, 0, np.full((6, 2), np.nan)), ValueError, "^network: layer 1: found a parameter that is not finite, expected finite weights and biases$"),
     ],
 )
 def test_bad_networks_are_named(network, error, message):
@@ -92,5 +95,7 @@ def test_bad_calibration_is_named():
         export(rules(), calibration=np.zeros((3, 20)))
     with pytest.raises(ValueError, match="found shape"):
         export(rules(), calibration=np.zeros((3, 19), np.int8))
+    with pytest.raises(ValueError, match="calibration: found no observations"):
+        export(rules(), calibration=np.zeros((0, 20), np.int8))
     with pytest.raises(ValueError, match="max_vehicles: found 0, expected 1 to 300"):
         export(rules(), max_vehicles=0)
