@@ -7,6 +7,7 @@ sense, whether and how loudly to send, so that what the base station knows stays
 * `ParallelEnvironment`: one world as a PettingZoo `ParallelEnv`, one agent a vehicle.
 * `evaluate`: a policy on held-out worlds, with the command line's protocol and numbers.
 * `Table`, `export`: the firmware's frozen int8 networks, and how a torch network becomes one.
+* `read_actor`: a network of the trainer as a torch module.
 * `assign`: static traffic assignment from arrays.
 * `Scenario`: the same presets, files and settings as on the command line.
 
@@ -14,6 +15,7 @@ Everything is computed by the simulator, trainer and firmware library that the c
 """
 
 from ._native import Assignment, Evaluation, Scenario, Table
+from .actor import read_actor
 from .assignment import assign
 from .batch import ACTIONS, INPUTS, ONE, SUB_CHANNELS, BatchEnvironment
 from .evaluation import POLICIES, evaluate
@@ -37,4 +39,5 @@ __all__ = [
     "evaluate",
     "export",
     "parallel_env",
+    "read_actor",
 ]
