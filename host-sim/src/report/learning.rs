@@ -5,8 +5,8 @@ use super::csv::Csv;
 use super::files::NamedText;
 use crate::error::{Error, Result};
 
-/// Curves of runs that come with the program. `trainer/studies/learning.toml` says which, and the command that makes them
-/// again.
+/// Curves of runs that come with the program. `trainer/studies/paper_form.toml` says which, and the command that makes
+/// them again.
 const SHIPPED: &str = include_str!("../../data/learning.csv");
 
 /// Columns of the file.
@@ -97,7 +97,8 @@ pub fn read_curves(place: &str, text: &str) -> Result<Vec<CurvePoint>> {
 pub fn paper_figures() -> Result<Vec<NamedText>> {
     let points = read_curves("learning.csv", SHIPPED)?;
     let note = "Mean over seeds, band from the least to the largest seed; while exploring; each point averages a hundredth \
-                of the episodes.";
+                of the episodes. Rewards are each preset's own: minus age over the number of vehicles in the paper's form, \
+                over ten in \"freshlane\".";
     let chart = |title: &str, vertical, value: fn(&CurvePoint) -> [f64; 3]| LineChart {
         title: title.to_owned(),
         note: note.to_owned(),
