@@ -25,15 +25,15 @@ pub trait Policy {
 /// The policies by their names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
 pub enum PolicyName {
-    /// The frozen int8 network, in the firmware's own units.
+    /// The frozen int8 network, one in each vehicle, on the firmware's own code.
     Actor,
-    /// The full-knowledge scheduler: the oldest vehicles first, each on its best free sub-channel.
+    /// A scheduler that knows everything: the oldest vehicles first, each on its best free sub-channel.
     Central,
-    /// The AoI clock that the network imitates, as rules.
+    /// The AoI clock, the rules that the network imitates: a vehicle sends when its age is a multiple of its period.
     Clock,
-    /// Slotted ALOHA from an age threshold on.
+    /// Slotted ALOHA of those whose age has reached a threshold.
     AgeThreshold,
-    /// Slotted ALOHA.
+    /// Slotted ALOHA: everybody sends by chance, as often as the sub-channels bear.
     Aloha,
     /// A random sub-channel and a random power in every slot.
     Random,
