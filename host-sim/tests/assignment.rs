@@ -921,6 +921,11 @@ fn the_command_refuses_options_that_make_no_sense() {
     ] {
         assert_eq!(assign_command(arguments).unwrap_err().to_string(), message);
     }
+    let before = std::fs::read(net).unwrap();
+    let failure = assign_command(&["--net", net, "--trips", net, "--flows", net]).unwrap_err();
+    let expected = format!("--flows: found {net}, which is read, expected a file of its own");
+    assert_eq!(failure.to_string(), expected);
+    assert_eq!(std::fs::read(net).unwrap(), before);
 }
 
 #[test]

@@ -93,6 +93,20 @@ impl RunFolder {
         self.0.join("table.bin")
     }
 
+    /// All files that cannot be made again from others of the folder.
+    pub fn records(&self) -> [PathBuf; 8] {
+        [
+            self.identity(),
+            self.checkpoint(),
+            self.metrics(),
+            self.parquet(),
+            self.events(),
+            self.actors(),
+            self.table(),
+            self.report(),
+        ]
+    }
+
     /// What was run and what came out. Written last.
     pub fn report(&self) -> PathBuf {
         self.0.join("report.json")

@@ -118,6 +118,21 @@ impl Plan {
         if plan.seeds.is_empty() || plan.case.is_empty() {
             return Err(Error::input(place, "no seed or no case", "at least one of each"));
         }
+        for (index, seed) in plan.seeds.iter().enumerate() {
+            if plan.seeds[..index].contains(seed) {
+                let found = format!("{seed} twice");
+                return Err(Error::input(format!("{place}: seeds"), found, "each seed once"));
+            }
+        }
+        for (key, number) in [
+            ("worlds", plan.evaluation.worlds),
+            ("slots", plan.evaluation.slots),
+        ] {
+            if number == 0 {
+                let key = format!("{place}: evaluation.{key}");
+                return Err(Error::input(key, number, "1 or more"));
+            }
+        }
         for (index, case) in plan.case.iter().enumerate() {
             let folder = folder_name(&case.name);
             if plan.case[..index]

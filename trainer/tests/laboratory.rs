@@ -219,6 +219,20 @@ fn a_trained_run_is_evaluated_and_exported() {
         "--json",
     ]));
     assert_eq!(read(model).unwrap(), read(out.join("actor.onnx")).unwrap());
+    let actor = out.join("actor.safetensors");
+    let spoilt = refusal(trainer(&[
+        "export",
+        "--run",
+        run,
+        "--onnx",
+        actor.to_str().unwrap(),
+    ]));
+    assert!(spoilt.contains("--onnx: found "), "{spoilt}");
+    let alone = refusal(trainer(&["compare", "--run", run, "--policy", "actor"]));
+    assert!(
+        alone.ends_with("--policy: found actor, expected another to compare it with"),
+        "{alone}"
+    );
     let vehicle = refusal(trainer(&["export", "--run", run, "--vehicle", "1"]));
     assert!(vehicle.contains("--vehicle: found 1"), "{vehicle}");
 }
@@ -260,8 +274,8 @@ fn a_study_gives_the_same_table_whenever_and_however_its_runs_are_done() {
         let out = folder.path().join(out);
         let arguments = [&["study", "--json", "--plan", plan.to_str().unwrap()], more].concat();
         let object = success(&command(&arguments, &out).output().unwrap());
-        let table = read_to_string(out.join("study.csv")).unwrap();
-        (object, table + &read_to_string(out.join("study.md")).unwrap())
+        let table = read_to_string(out.join("plan.csv")).unwrap();
+        (object, table + &read_to_string(out.join("plan.md")).unwrap())
     };
     let curves = folder.path().join("curves.csv");
     let (object, one) = study("one", &["--curves", curves.to_str().unwrap()]);
@@ -286,11 +300,35 @@ fn a_study_gives_the_same_table_whenever_and_however_its_runs_are_done() {
         before
     );
 
-    write(&plan, text.replace("hidden=[16]", "hiden=[16]")).unwrap();
     let arguments = ["study", "--plan", plan.to_str().unwrap()];
-    let message = refusal(command(&arguments, &folder.path().join("bad")).output().unwrap());
+    let bad = folder.path().join("bad");
+    for (from, to, expected) in [
+        (
+            "hidden=[16]",
+            "hiden=[16]",
+            "case wider | network: --set evolution.hiden: found an unknown key",
+        ),
+        (
+            "[1, 2]",
+            "[1, 1]",
+            "seeds: found 1 twice, expected each seed once",
+        ),
+        (
+            "slots = 50",
+            "slots = 0",
+            "evaluation.slots: found 0, expected 1 or more",
+        ),
+    ] {
+        write(&plan, text.replace(from, to)).unwrap();
+        let message = refusal(command(&arguments, &bad).output().unwrap());
+        assert!(message.contains(expected), "{message}");
+    }
+    write(&plan, text).unwrap();
+    let curves = [&arguments[..], &["--curves", plan.to_str().unwrap()]].concat();
+    let message = refusal(command(&curves, &bad).output().unwrap());
     assert!(
-        message.contains("case wider | network: --set evolution.hiden: found an unknown key"),
+        message.contains("plan.toml, which is read, expected a file of its own"),
         "{message}"
     );
+    assert!(!bad.exists());
 }

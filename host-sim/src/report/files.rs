@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use std::io::{ErrorKind, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 /// A file's name and contents.
@@ -20,6 +20,21 @@ pub fn check_folder(folder: &Path) -> Result<()> {
             Error::File { source, .. } => Error::file(folder, source),
             other => other,
         })
+}
+
+/// Refuses an output that is one of the inputs.
+///
+/// # Errors
+/// [`Error::Input`] names the option and the file.
+pub fn check_output(option: &str, output: &Path, inputs: &[PathBuf]) -> Result<()> {
+    let Ok(existing) = output.canonicalize() else {
+        return Ok(());
+    };
+    let same = |input: &&PathBuf| input.canonicalize().is_ok_and(|input| input == existing);
+    inputs.iter().find(same).map_or(Ok(()), |input| {
+        let found = format!("{}, which is read", input.display());
+        Err(Error::input(option, found, "a file of its own"))
+    })
 }
 
 /// Writes `contents` to `path`, through a temporary file beside it and a rename.

@@ -59,8 +59,12 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
     if let Some(folder) = &arguments.run {
         options.table = Some(RunFolder::new(folder).table());
     }
-    if options.policy.is_empty() {
-        options.policy.push(PolicyName::Clock);
+    match options.policy.as_slice() {
+        [] => options.policy.push(PolicyName::Clock),
+        policies if policies.iter().all(|&policy| policy == PolicyName::Actor) => {
+            return Err(Error::input("--policy", "actor", "another to compare it with"));
+        }
+        _ => {}
     }
     options.policy.push(PolicyName::Actor);
     let prepared = options.prepare()?;

@@ -134,6 +134,8 @@ pub struct TrainedActors {
     pub setting: Setting,
     /// One table, or one for each vehicle; none where the form or a layer is none for tables.
     pub tables: Vec<Vec<u8>>,
+    /// Why there is none.
+    pub obstacle: Option<Error>,
     /// What the run was told, if `train` made it.
     pub identity: Option<RunIdentity>,
 }
@@ -147,23 +149,25 @@ impl TrainedActors {
         let (actors, identity) = (folder.read_actors()?, folder.read_identity()?);
         let (setting, tables) = match &identity {
             Some(identity) => {
-                let tables = match check_form(&actors) {
-                    Ok(()) => actor_tables(identity, &actors)?,
-                    Err(_) => Vec::new(),
-                };
+                let tables = check_form(&actors).and_then(|()| actor_tables(identity, &actors));
                 (setting(&identity.configuration.scenario), tables)
             }
             None => {
                 let bytes = table_bytes(Some(&folder.table()))?;
                 let table = parse_table(Some(&folder.table()), &bytes)?;
                 check_widths(folder, &actors, &table)?;
-                (Setting::of_table(&table), vec![bytes.clone()])
+                (Setting::of_table(&table), Ok(vec![bytes.clone()]))
             }
+        };
+        let (tables, obstacle) = match tables {
+            Ok(tables) => (tables, None),
+            Err(error) => (Vec::new(), Some(error)),
         };
         Ok(Self {
             actors,
             setting,
             tables,
+            obstacle,
             identity,
         })
     }

@@ -1,7 +1,6 @@
 //! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
 //! seed gives.
 
-use crate::actor_table::check_form;
 use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
 use crate::command::eval::TrainedActors;
 use crate::distil::Recipe;
@@ -11,7 +10,7 @@ use crate::run_folder::RunFolder;
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::error::{Error, Result};
-use host_sim::report::files::write_whole;
+use host_sim::report::files::{check_output, write_whole};
 use host_sim::revision::revision_text;
 use host_sim::say;
 use serde_json::json;
@@ -56,7 +55,9 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
         return pool.install(|| check(arguments.json));
     }
     if let (Some(folder), Some(path)) = (&arguments.run, &arguments.onnx) {
-        let actors = RunFolder::new(folder).read_actors()?;
+        let folder = RunFolder::new(folder);
+        check_output("--onnx", path, &folder.records())?;
+        let actors = folder.read_actors()?;
         let vehicle = chosen(actors.networks.len(), arguments.vehicle)?;
         let model = onnx::model(&actors.networks[vehicle], actors.form.output);
         write_whole(path, &model)?;
@@ -71,7 +72,9 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
         Some(folder) => {
             let folder = RunFolder::new(folder);
             let trained = pool.install(|| TrainedActors::read(&folder))?;
-            check_form(&trained.actors)?;
+            if let Some(obstacle) = trained.obstacle {
+                return Err(obstacle);
+            }
             let vehicle = chosen(trained.tables.len(), arguments.vehicle)?;
             trained.tables[vehicle].clone()
         }

@@ -4,7 +4,7 @@ use crate::learning_curves::learning_curves;
 use crate::study::{Plan, StudyConduct, StudyRun};
 use host_sim::error::Result;
 use host_sim::report::csv::Csv;
-use host_sim::report::files::{write_set, write_whole};
+use host_sim::report::files::{check_output, write_set, write_whole};
 use host_sim::say;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -16,7 +16,7 @@ pub struct StudyArguments {
     /// Plan file: preset, settings, seeds, evaluation and cases (see trainer/studies)
     #[arg(long, value_name = "FILE")]
     pub plan: PathBuf,
-    /// Folder for the runs and the tables; finished runs in it are not done again
+    /// Folder for the runs and the tables, which are named like the plan; finished runs in it are not done again
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     pub out: PathBuf,
     /// Also write the learning curves, for host-sim figures, to this file
@@ -39,6 +39,11 @@ pub struct StudyArguments {
 /// What is wrong with the plan or a run.
 pub fn run(arguments: &StudyArguments) -> Result<()> {
     let plan = Plan::read(&arguments.plan)?;
+    if let Some(curves) = &arguments.curves {
+        check_output("--curves", curves, std::slice::from_ref(&arguments.plan))?;
+    }
+    // Named like the plan: two plans may share a folder, and with it the runs that both have.
+    let name = arguments.plan.file_stem().unwrap_or_default().to_string_lossy();
     let conduct = StudyConduct {
         parallel: arguments.parallel.into(),
         threads: arguments.threads,
@@ -47,8 +52,8 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
     let runs = plan.carry_out(&arguments.out, &conduct)?;
     let markdown = markdown(&plan, &runs);
     let files = [
-        ("study.csv".to_owned(), csv(&plan, &runs)),
-        ("study.md".to_owned(), markdown.clone()),
+        (format!("{name}.csv"), csv(&plan, &runs)),
+        (format!("{name}.md"), markdown.clone()),
     ];
     write_set(&arguments.out, &files)?;
     if let Some(path) = &arguments.curves {
@@ -69,7 +74,7 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
         say!("{}", json!({ "evaluation": plan.evaluation, "runs": runs }));
     } else {
         say!(
-            "{markdown}\nWritten to {}: study.csv, study.md.",
+            "{markdown}\nWritten to {}: {name}.csv, {name}.md.",
             arguments.out.display()
         );
     }

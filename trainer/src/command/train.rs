@@ -91,6 +91,9 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
             brief(&|name| report["last"][name].as_f64()),
             arguments.out.display()
         );
+        if let Some(obstacle) = report["no_table_because"].as_str() {
+            say!("No weight table: {obstacle}.");
+        }
     }
     Ok(())
 }

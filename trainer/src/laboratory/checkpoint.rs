@@ -18,6 +18,20 @@ struct Header {
     /// What the run was told.
     run: Value,
     counters: Value,
+    /// Of the counters and all tensors: a damaged file is no other state.
+    checksum: u64,
+}
+
+/// Of counters and tensors; `tensors` come in the order of their names.
+fn checksum<'a>(counters: &Value, tensors: impl Iterator<Item = (&'a str, &'a [u8])>) -> u64 {
+    let crc = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
+    let mut digest = crc.digest();
+    digest.update(counters.to_string().as_bytes());
+    for (name, bytes) in tensors {
+        digest.update(name.as_bytes());
+        digest.update(bytes);
+    }
+    digest.finalize()
 }
 
 /// The file's bytes.
@@ -25,10 +39,6 @@ struct Header {
 /// # Errors
 /// If the format cannot hold the state.
 pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
-    let header = Header {
-        run: run.clone(),
-        counters: state.counters.clone(),
-    };
     let bytes: Vec<(&String, &Tensor, Dtype, Vec<u8>)> = state
         .tensors
         .iter()
@@ -46,6 +56,14 @@ pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
             ))
         })
         .collect::<std::result::Result<Vec<_>, SafeTensorError>>();
+    let tensors = bytes
+        .iter()
+        .map(|(name, _, _, bytes)| (name.as_str(), bytes.as_slice()));
+    let header = Header {
+        run: run.clone(),
+        counters: state.counters.clone(),
+        checksum: checksum(&state.counters, tensors),
+    };
     let metadata = HashMap::from([(METADATA.to_owned(), serde_json::json!(header).to_string())]);
     views
         .and_then(|views| serialize(views, Some(metadata)))
@@ -63,8 +81,22 @@ pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
     }
     let file =
         SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
+    let mut tensors = file.tensors();
+    tensors.sort_unstable_by(|one, other| one.0.cmp(&other.0));
+    let found = checksum(
+        &header.counters,
+        tensors.iter().map(|(name, view)| (name.as_str(), view.data())),
+    );
+    if found != header.checksum {
+        let expected = format!("{:016x}, as it was written", header.checksum);
+        return Err(Error::input(
+            format!("{place}: checksum"),
+            format!("{found:016x}"),
+            expected,
+        ));
+    }
     let mut state = State::new(header.counters);
-    for (name, view) in file.tensors() {
+    for (name, view) in tensors {
         let values = match view.dtype() {
             Dtype::F32 => Values::F32(
                 view.data()
@@ -172,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn truncated_foreign_and_other_runs_checkpoints_are_refused() {
+    fn truncated_damaged_foreign_and_other_runs_checkpoints_are_refused() {
         let run = json!({ "seed": 1, "algorithm": { "ppo": { "hidden": [64, 64] } } });
         let bytes = to_bytes(&run, &state()).unwrap();
         let message = |bytes: &[u8], run: &Value| from_bytes("file", bytes, run).unwrap_err().to_string();
@@ -180,6 +212,9 @@ mod tests {
             let message = message(&bytes[..length], &run);
             assert!(message.starts_with("file: found "), "{message}");
         }
+        let mut damaged = bytes.clone();
+        *damaged.last_mut().unwrap() ^= 1;
+        assert!(message(&damaged, &run).starts_with("file: checksum: found "));
         let foreign = serialize([("a", TensorView::new(Dtype::U8, vec![1], &[1]).unwrap())], None).unwrap();
         assert_eq!(
             message(&foreign, &run),

@@ -5,7 +5,7 @@ use crate::assignment::{
     Algorithm, Demand, Network, Solution, convergence, gmns, path_flows, select_link, skims,
 };
 use crate::error::{Error, Result};
-use crate::report::files::{write_set, write_whole};
+use crate::report::files::{check_output, write_set, write_whole};
 use std::path::{Path, PathBuf};
 
 /// Refuses combinations of options that ask for what does not exist, before anything is solved.
@@ -14,6 +14,14 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
         if arguments.check.is_some() && path.is_some() {
             let expected = "one of the two: --check solves nothing";
             return Err(Error::input(name, "--check beside it", expected));
+        }
+    }
+    // Path flows may take the place of those that they started from; nothing may take that of a network or its demand.
+    let mut inputs = vec![PathBuf::from(&arguments.net)];
+    inputs.extend(arguments.trips.clone());
+    for (name, path) in named_files(arguments) {
+        if let Some(path) = path {
+            check_output(name, path, &inputs)?;
         }
     }
     if arguments.selected.is_some() == arguments.select_link.is_empty() {
