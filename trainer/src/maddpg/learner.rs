@@ -2,7 +2,7 @@
 //! updates, target smoothing; and the options around it.
 //!
 //! Here are its parts, and an episode: played with the actors' exploring form, stored, and learned from in
-//! [`update`](super::update).
+//! the module `update`.
 
 use super::actions::ActionSet;
 use super::arena::{Arena, CellArena, Tally, Worlds};
