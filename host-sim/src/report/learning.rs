@@ -96,9 +96,9 @@ pub fn read_curves(place: &str, text: &str) -> Result<Vec<CurvePoint>> {
 /// Never for the shipped file.
 pub fn paper_figures() -> Result<Vec<NamedText>> {
     let points = read_curves("learning.csv", SHIPPED)?;
-    let note = "Mean over seeds, band from the least to the largest seed; while exploring; each point averages a hundredth \
-                of the episodes. Rewards are each preset's own: minus age over the number of vehicles in the paper's form, \
-                over ten in \"freshlane\".";
+    let note = "Mean over seeds, band from the least to the largest seed; while exploring, in episodes of 100 slots that mostly \
+                begin with unknown ages; each point averages a hundredth of the episodes. Rewards are each preset's own: \
+                minus age over the number of vehicles in the paper's form, over ten in \"freshlane\".";
     let chart = |title: &str, vertical, value: fn(&CurvePoint) -> [f64; 3]| LineChart {
         title: title.to_owned(),
         note: note.to_owned(),
