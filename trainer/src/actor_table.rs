@@ -38,7 +38,7 @@ pub fn setting(scenario: &Scenario) -> Setting {
 ///
 /// # Errors
 /// Names the form that it cannot.
-pub fn check_form(actors: &Actors) -> Result<()> {
+fn check_form(actors: &Actors) -> Result<()> {
     let form = actors.form;
     if form.observation != ObservationForm::Firmware || form.output != OutputForm::Actions {
         return Err(Error::input(

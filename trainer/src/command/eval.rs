@@ -1,6 +1,6 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
-use crate::actor_table::{actor_tables, check_form, setting};
+use crate::actor_table::{actor_tables, setting};
 use crate::evaluate::{Agreement, FloatActors, OwnTables, Setting};
 use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
@@ -149,7 +149,7 @@ impl TrainedActors {
         let (actors, identity) = (folder.read_actors()?, folder.read_identity()?);
         let (setting, tables) = match &identity {
             Some(identity) => {
-                let tables = check_form(&actors).and_then(|()| actor_tables(identity, &actors));
+                let tables = actor_tables(identity, &actors);
                 (setting(&identity.configuration.scenario), tables)
             }
             None => {

@@ -1,6 +1,6 @@
 //! `trainer train`: runs a learning algorithm, saves it as it goes, and goes on with it after an interruption.
 
-use crate::actor_table::{actor_tables, check_form};
+use crate::actor_table::actor_tables;
 use crate::laboratory::checkpoint;
 use crate::laboratory::configuration::{ConfigurationSource, Preset};
 use crate::laboratory::learner::{Learner, Metrics, name};
@@ -173,7 +173,7 @@ fn conclude(
         write_whole(&folder.onnx(), &model)?;
     }
     // An actor of a form that a table holds may still not fit one; that is a finding, not a failure of the training.
-    let table = check_form(&actors).and_then(|()| actor_tables(identity, &actors));
+    let table = actor_tables(identity, &actors);
     let (table, obstacle) = match table {
         Ok(tables) if actors.shared() => (tables.into_iter().next(), None),
         Ok(_) => (
