@@ -41,6 +41,18 @@ impl Error {
         }
     }
 
+    /// The same, with what holds its place named before it. A file's path is whole already.
+    pub fn within(self, outer: impl std::fmt::Display) -> Self {
+        match self {
+            Self::Input {
+                place,
+                found,
+                expected,
+            } => Self::input(format!("{outer}: {place}"), found, expected),
+            file @ Self::File { .. } => file,
+        }
+    }
+
     /// A file that cannot be read or written.
     pub fn file(path: &Path, source: std::io::Error) -> Self {
         Self::File {

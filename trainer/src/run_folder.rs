@@ -258,15 +258,7 @@ fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Actors> {
         }
     }
     let actors = Actors { form, networks };
-    let named = |error| match error {
-        Error::Input {
-            place: part,
-            found,
-            expected,
-        } => Error::input(format!("{place}: {part}"), found, expected),
-        other => other,
-    };
-    actors.check().map_err(named)?;
+    actors.check().map_err(|error| error.within(place))?;
     Ok(actors)
 }
 

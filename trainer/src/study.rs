@@ -145,14 +145,9 @@ impl Plan {
                     "names that differ in a letter or digit",
                 ));
             }
-            let _configuration = plan.configuration(case).map_err(|error| match error {
-                Error::Input {
-                    place: part,
-                    found,
-                    expected,
-                } => Error::input(format!("{place}: case {}: {part}", case.name), found, expected),
-                other => other,
-            })?;
+            let _configuration = plan
+                .configuration(case)
+                .map_err(|error| error.within(format!("{place}: case {}", case.name)))?;
         }
         Ok(plan)
     }

@@ -140,14 +140,7 @@ fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result
     let place = path.display().to_string();
     let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
     let state = checkpoint::from_bytes(&place, &bytes, run)?;
-    learner.restore(state).map_err(|error| match error {
-        Error::Input {
-            place: part,
-            found,
-            expected,
-        } => Error::input(format!("{place}: {part}"), found, expected),
-        other => other,
-    })
+    learner.restore(state).map_err(|error| error.within(place))
 }
 
 /// Metrics first: a checkpoint never knows of an episode that they lack.
