@@ -9,14 +9,14 @@ use pulp::{Arch, Simd, WithSimd};
 /// Rows of a register tile: 6 x 4 vectors fill 24 of the 32 registers of AVX-512.
 const TILE_ROWS: usize = 6;
 
-/// Rows whose part of a transposed left factor is packed together: sixteen tiles, and six whole cache lines.
-const PANEL_ROWS: usize = 16 * TILE_ROWS;
+/// Lines of a transposed left factor that are read side by side.
+const SIDE_BY_SIDE: usize = 32;
 
 /// Space for packed factors.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     strips: Vec<f32>,
-    panel: Vec<f32>,
+    edge: Vec<f32>,
 }
 
 /// A factor, row after row.
@@ -85,7 +85,7 @@ impl WithSimd for Product<'_> {
     }
 }
 
-/// Packs the factors so that inner loops read memory in order, and visits the tiles.
+/// Packs the right factor so that inner loops read it in order, and visits the tiles.
 #[inline(always)]
 fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
     let Product {
@@ -103,54 +103,50 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
     }
     let width = VECTORS * S::F32_LANES;
     let rows = result.len() / columns;
-    let Scratch { strips, panel } = scratch;
+    let Scratch { strips, edge } = scratch;
+    edge.resize(TILE_ROWS * width, 0.0);
     let strips: &[f32] = match right {
         Factor::Plain(right) if columns == width => &right[..depth * width],
         right => {
-            strips.clear();
-            strips.resize(columns.div_ceil(width) * depth * width, 0.0);
             pack_strips(right, depth, columns, width, strips);
             strips
         }
     };
-    for (panel_index, result) in result.chunks_mut(PANEL_ROWS * columns).enumerate() {
-        let panel_row = panel_index * PANEL_ROWS;
-        let panel_rows = result.len() / columns;
-        let left = match left {
-            Factor::Plain(values) => Factor::Plain(&values[panel_row * depth..]),
-            Factor::Transposed(values) => {
-                pack_panel(values, rows, panel_row..panel_row + panel_rows, panel);
-                Factor::Transposed(panel)
-            }
-        };
-        let start = match start {
-            Start::Rows(values) => Start::Rows(&values[panel_row..]),
-            other => other,
-        };
+    // The lines of a transposed factor are read side by side, as many as the processor fetches ahead.
+    let part = match left {
+        Factor::Plain(_) => depth.max(1),
+        Factor::Transposed(_) => SIDE_BY_SIDE,
+    };
+    for first_term in (0..depth.max(1)).step_by(part) {
+        let terms = first_term..depth.min(first_term + part);
         let mut row = 0;
-        while row < panel_rows {
-            let tile_rows = if row + TILE_ROWS <= panel_rows {
-                TILE_ROWS
-            } else {
-                1
-            };
-            for (strip, first) in (0..columns).step_by(width).enumerate() {
+        while row < rows {
+            let tile_rows = if row + TILE_ROWS <= rows { TILE_ROWS } else { 1 };
+            for (strip, first_column) in (0..columns).step_by(width).enumerate() {
                 let strip = &strips[strip * depth * width..][..depth * width];
                 let tile = Tile {
                     left,
-                    left_rows: panel_rows,
-                    strip,
-                    start,
-                    rectify,
+                    rows,
                     row,
-                    columns: first..columns.min(first + width),
-                    stride: columns,
+                    terms: terms.clone(),
+                    strip: &strip[terms.start * width..terms.end * width],
+                    start: if first_term == 0 { start } else { Start::Add },
+                    rectify: rectify && terms.end == depth,
                 };
-                let result = &mut result[row * columns..];
-                if tile_rows == TILE_ROWS {
-                    tile.compute::<S, TILE_ROWS, VECTORS>(simd, result);
+                let result = &mut result[row * columns..][..tile_rows * columns];
+                let used = width.min(columns - first_column);
+                if used == width {
+                    tile.compute::<S, VECTORS>(simd, tile_rows, &mut result[first_column..], columns);
                 } else {
-                    tile.compute::<S, 1, VECTORS>(simd, result);
+                    // A tile that stands out over the edge is computed beside the result.
+                    let place = |index: usize| index * columns + first_column..(index + 1) * columns;
+                    for (index, edge) in edge.chunks_exact_mut(width).take(tile_rows).enumerate() {
+                        edge[..used].copy_from_slice(&result[place(index)]);
+                    }
+                    tile.compute::<S, VECTORS>(simd, tile_rows, edge, width);
+                    for (index, edge) in edge.chunks_exact(width).take(tile_rows).enumerate() {
+                        result[place(index)].copy_from_slice(&edge[..used]);
+                    }
                 }
             }
             row += tile_rows;
@@ -159,7 +155,8 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
 }
 
 /// `[depth, columns]` as strips of `width` columns, each `[depth, width]`. Columns beyond the matrix stay as they are.
-fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, strips: &mut [f32]) {
+fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, strips: &mut Vec<f32>) {
+    strips.resize(columns.div_ceil(width) * depth * width, 0.0);
     let strips = strips.chunks_exact_mut(depth * width);
     for (strip, first) in strips.zip((0..columns).step_by(width)) {
         let used = width.min(columns - first);
@@ -192,115 +189,141 @@ pub fn transpose(values: &[f32], columns: usize, result: &mut [f32], length: usi
     }
 }
 
-/// These columns of `[depth, rows]`, one row after the other.
-fn pack_panel(values: &[f32], rows: usize, part: std::ops::Range<usize>, panel: &mut Vec<f32>) {
-    let depth = values.len() / rows;
-    panel.resize(depth * part.len(), 0.0);
-    let lines = values.chunks_exact(rows).map(|line| &line[part.clone()]);
-    if part.len() == PANEL_ROWS {
-        // A length that is known when this is compiled spares a call of `memcpy` for every line.
-        let (packed, _) = panel.as_chunks_mut::<PANEL_ROWS>();
-        for (packed, line) in packed.iter_mut().zip(lines) {
-            for (packed, value) in packed.iter_mut().zip(line) {
-                *packed = *value;
-            }
-        }
-    } else {
-        for (packed, line) in panel.chunks_exact_mut(part.len()).zip(lines) {
-            packed.copy_from_slice(line);
-        }
-    }
-}
-
 /// A register tile.
 struct Tile<'a> {
     left: Factor<'a>,
-    /// Rows of `left`.
-    left_rows: usize,
-    /// `[depth, width]`.
+    /// Rows of the left factor, and the tile's first.
+    rows: usize,
+    row: usize,
+    /// Terms of the sums that are added.
+    terms: std::ops::Range<usize>,
+    /// Their part of the right factor, `[terms, width]`.
     strip: &'a [f32],
     start: Start<'a>,
     rectify: bool,
-    /// First row within `left`.
-    row: usize,
-    /// Columns of the result.
-    columns: std::ops::Range<usize>,
-    /// Length of the result's rows.
-    stride: usize,
 }
 
 impl Tile<'_> {
-    /// `result` begins at the tile's first row.
+    /// `result` begins with the tile's first element; its rows are `stride` apart.
     #[inline(always)]
-    fn compute<S: Simd, const ROWS: usize, const VECTORS: usize>(self, simd: S, result: &mut [f32]) {
-        let mut first_sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+    fn compute<S: Simd, const VECTORS: usize>(
+        &self,
+        simd: S,
+        rows: usize,
+        result: &mut [f32],
+        stride: usize,
+    ) {
+        if rows == TILE_ROWS {
+            self.compute_rows::<S, TILE_ROWS, VECTORS>(simd, result, stride);
+        } else {
+            self.compute_rows::<S, 1, VECTORS>(simd, result, stride);
+        }
+    }
+
+    #[inline(always)]
+    fn compute_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
+        &self,
+        simd: S,
+        result: &mut [f32],
+        stride: usize,
+    ) {
+        let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
         match self.start {
             Start::Zero => {}
             Start::Rows(values) => {
-                for (sums, &value) in first_sums.iter_mut().zip(&values[self.row..self.row + ROWS]) {
-                    *sums = [simd.splat_f32s(value); VECTORS];
+                let values = &values[self.row..][..ROWS];
+                for row in 0..ROWS {
+                    sums[row] = [simd.splat_f32s(values[row]); VECTORS];
                 }
             }
             Start::Add => {
-                for (index, sums) in first_sums.iter_mut().enumerate() {
-                    let line = &result[index * self.stride..][self.columns.clone()];
-                    for (sum, values) in sums.iter_mut().zip(line.chunks(S::F32_LANES)) {
-                        *sum = simd.partial_load_f32s(values);
+                for row in 0..ROWS {
+                    let (line, _) = S::as_simd_f32s(&result[row * stride..][..VECTORS * S::F32_LANES]);
+                    for column in 0..VECTORS {
+                        sums[row][column] = line[column];
                     }
                 }
             }
         }
         let (vectors, _) = S::as_simd_f32s(self.strip);
         let (vectors, _) = vectors.as_chunks::<VECTORS>();
-        let sums = match self.left {
+        let mut sums = match self.left {
             Factor::Plain(values) => {
                 let depth = vectors.len();
-                let lines: [&[f32]; ROWS] =
-                    std::array::from_fn(|index| &values[(self.row + index) * depth..][..depth]);
-                accumulate(simd, first_sums, vectors, |p| {
-                    std::array::from_fn(|index| lines[index][p])
-                })
+                let mut lines = [values; ROWS];
+                for row in 0..ROWS {
+                    lines[row] = &values[(self.row + row) * depth..][..depth];
+                }
+                along_lines(simd, sums, vectors, lines)
             }
-            Factor::Transposed(values) => accumulate(simd, first_sums, vectors, |p| {
-                let line = &values[p * self.left_rows + self.row..][..ROWS];
-                std::array::from_fn(|index| line[index])
-            }),
+            Factor::Transposed(values) => {
+                let lines = values[self.terms.start * self.rows + self.row..].chunks(self.rows);
+                across_lines(simd, sums, vectors, lines)
+            }
         };
-        let zero = simd.splat_f32s(0.0);
-        for (index, sums) in sums.iter().enumerate() {
-            let line = &mut result[index * self.stride..][self.columns.clone()];
-            for (&sum, values) in sums.iter().zip(line.chunks_mut(S::F32_LANES)) {
-                let sum = if self.rectify {
-                    simd.max_f32s(sum, zero)
-                } else {
-                    sum
-                };
-                simd.partial_store_f32s(values, sum);
+        if self.rectify {
+            let zero = simd.splat_f32s(0.0);
+            for row in 0..ROWS {
+                for column in 0..VECTORS {
+                    sums[row][column] = simd.max_f32s(sums[row][column], zero);
+                }
+            }
+        }
+        for row in 0..ROWS {
+            let (line, _) = S::as_mut_simd_f32s(&mut result[row * stride..][..VECTORS * S::F32_LANES]);
+            for column in 0..VECTORS {
+                line[column] = sums[row][column];
             }
         }
     }
 }
 
-/// The inner loop. Its sums are its own, so that they stay in registers.
+/// The inner loop with a row's factors along a line. Its sums are its own, so that they stay in registers.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "three arrays side by side")]
-fn accumulate<S: Simd, const ROWS: usize, const VECTORS: usize>(
+#[allow(clippy::needless_range_loop, reason = "arrays side by side")]
+fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
-    start: [[S::f32s; VECTORS]; ROWS],
+    mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
-    factors: impl Fn(usize) -> [f32; ROWS],
+    lines: [&[f32]; ROWS],
 ) -> [[S::f32s; VECTORS]; ROWS] {
-    let mut sums = start;
-    for (p, vectors) in vectors.iter().enumerate() {
-        let factors = factors(p);
+    for (term, vectors) in vectors.iter().enumerate() {
         for row in 0..ROWS {
-            let factor = simd.splat_f32s(factors[row]);
-            for column in 0..VECTORS {
-                sums[row][column] = simd.mul_add_f32s(factor, vectors[column], sums[row][column]);
-            }
+            add_products(simd, &mut sums[row], vectors, lines[row][term]);
         }
     }
     sums
+}
+
+/// The inner loop with a term's factors at the beginning of a line.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "arrays side by side")]
+fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
+    simd: S,
+    mut sums: [[S::f32s; VECTORS]; ROWS],
+    vectors: &[[S::f32s; VECTORS]],
+    lines: std::slice::Chunks<'_, f32>,
+) -> [[S::f32s; VECTORS]; ROWS] {
+    for (vectors, line) in vectors.iter().zip(lines) {
+        let line = &line[..ROWS];
+        for row in 0..ROWS {
+            add_products(simd, &mut sums[row], vectors, line[row]);
+        }
+    }
+    sums
+}
+
+#[inline(always)]
+fn add_products<S: Simd, const VECTORS: usize>(
+    simd: S,
+    sums: &mut [S::f32s; VECTORS],
+    vectors: &[S::f32s; VECTORS],
+    factor: f32,
+) {
+    let factor = simd.splat_f32s(factor);
+    for column in 0..VECTORS {
+        sums[column] = simd.mul_add_f32s(factor, vectors[column], sums[column]);
+    }
 }
 
 #[cfg(test)]
