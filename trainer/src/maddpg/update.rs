@@ -294,21 +294,25 @@ impl MaddpgLearner {
         known: Rows<'_>,
         global_weight: f32,
     ) -> Vec<f32> {
-        let first = &self.twins[0].parameters;
-        let mut slopes = self
-            .critic
-            .action_slopes(first, view, actions, &mut self.passes[0]);
-        slopes.iter_mut().for_each(|slope| *slope *= global_weight);
+        let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
+        let mut global = || critic.action_slopes(first, view, actions, pass);
         if self.set.is_choice() {
+            let mut slopes = global();
+            slopes.iter_mut().for_each(|slope| *slope *= global_weight);
             self.add_local_values(&mut slopes, known);
-        } else if let Some(critics) = &mut self.local_critics {
-            let length = self.set.length();
-            critics.forward(Role::Learner, &[known, Rows::all(actions, length)]);
-            let ones = vec![1.0; slopes.len() / length];
-            let along = critics.input_slopes(&ones, known.width, length);
-            for (slope, local) in slopes.iter_mut().zip(along) {
-                *slope += self.options.local_weight * local;
-            }
+            return slopes;
+        }
+        let (length, critics) = (self.set.length(), &mut self.local_critics);
+        let local = || {
+            critics.as_mut().map(|critics| {
+                critics.forward(Role::Learner, &[known, Rows::all(actions, length)]);
+                critics.input_slopes(&vec![1.0; actions.len() / length], known.width, length)
+            })
+        };
+        let (mut slopes, along) = rayon::join(global, local);
+        slopes.iter_mut().for_each(|slope| *slope *= global_weight);
+        for (slope, local) in slopes.iter_mut().zip(along.iter().flatten()) {
+            *slope += self.options.local_weight * local;
         }
         slopes
     }
