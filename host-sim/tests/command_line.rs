@@ -218,6 +218,17 @@ fn bad_scenarios_are_one_line_each() {
         refusal(&["run", "--preset", "moon"]),
         "error: invalid value 'moon' for '--preset <PRESET>' [possible values: paper, companion]"
     );
+    for (command, option, setting) in [
+        ("run", "--vehicles", "cell.vehicles=5"),
+        ("loop", "--vehicles", "cell={vehicles=5}"),
+        ("hil", "--vehicles", "cell.vehicles=5"),
+        ("bench", "--sub-channels", "radio.sub_channels=5"),
+    ] {
+        assert_eq!(
+            refusal(&[command, "--set", setting, option, "10"]),
+            format!("error: {option}: found --set {setting} beside it, expected one of the two")
+        );
+    }
     assert!(refusal(&["run", "--worlds", "0"]).contains("--worlds"));
     assert!(refusal(&["run", "--worlds", "-3"]).contains("invalid value '-3' for '--worlds"));
     assert!(

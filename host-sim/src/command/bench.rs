@@ -130,6 +130,14 @@ fn measure<'p>(
 /// # Errors
 /// The first input that does not fit.
 pub fn run(arguments: &BenchArguments) -> Result<()> {
+    for (option, value, key) in [
+        ("--vehicles", arguments.vehicles, "cell.vehicles"),
+        ("--sub-channels", arguments.sub_channels, "radio.sub_channels"),
+    ] {
+        if value.is_some() {
+            arguments.scenario.check_not_set(option, key)?;
+        }
+    }
     let vehicles = arguments.vehicles.map(|n| format!("cell.vehicles={n}"));
     let sub_channels = arguments.sub_channels.map(|n| format!("radio.sub_channels={n}"));
     let scenario = arguments

@@ -58,6 +58,7 @@ impl LoopArguments {
     /// Everything the loop needs, read and checked.
     fn prepare(&self) -> Result<PreparedRun> {
         let options = &self.run.options;
+        options.check_typed()?;
         let mut prepared = RunOptions {
             worlds: Some(options.worlds.unwrap_or(WORLDS)),
             ..options.clone()

@@ -49,6 +49,9 @@ pub struct HilArguments {
 /// # Errors
 /// Input that does not fit, QEMU missing, an image that is none or that ends before its time.
 pub fn run(arguments: &HilArguments) -> Result<()> {
+    if arguments.vehicles.is_some() {
+        arguments.scenario.check_not_set("--vehicles", "cell.vehicles")?;
+    }
     let vehicles = arguments
         .vehicles
         .map(|vehicles| format!("cell.vehicles={vehicles}"));

@@ -1,6 +1,7 @@
 //! Options that sub-commands share.
 
 use crate::error::{Error, Result};
+use crate::scenario::layers::sets;
 use crate::scenario::{Preset, Scenario, ScenarioSource};
 use firmware::table::Table;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -33,6 +34,20 @@ impl ScenarioArguments {
             settings,
         }
         .read()
+    }
+
+    /// Refuses `--set` of a key for which another option is given.
+    ///
+    /// # Errors
+    /// [`Error::Input`] names both.
+    pub fn check_not_set(&self, option: &str, key: &str) -> Result<()> {
+        match self.set.iter().find(|setting| sets(setting, key)) {
+            None => Ok(()),
+            Some(setting) => {
+                let found = format!("--set {setting} beside it");
+                Err(Error::input(option, found, "one of the two"))
+            }
+        }
     }
 }
 

@@ -89,6 +89,18 @@ pub struct PreparedRun {
 }
 
 impl RunOptions {
+    /// Refuses what contradicts itself as a person typed it. [`RunOptions::prepare`] does not: its callers may lay settings
+    /// of their own below the typed options.
+    ///
+    /// # Errors
+    /// The first contradiction.
+    pub fn check_typed(&self) -> Result<()> {
+        match self.vehicles {
+            Some(_) => self.scenario.check_not_set("--vehicles", "cell.vehicles"),
+            None => Ok(()),
+        }
+    }
+
     /// Reads and checks all input.
     ///
     /// # Errors
@@ -308,6 +320,7 @@ impl PreparedRun {
 /// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &RunArguments) -> Result<()> {
     let (options, out) = (&arguments.options, arguments.out());
+    options.check_typed()?;
     let prepared = options.prepare()?;
     if !options.json {
         files::check_folder(out)?;

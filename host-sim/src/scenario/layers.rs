@@ -1,6 +1,6 @@
 //! Preset, file and settings, one laid over the other.
 
-use super::{Scenario, nearest_key};
+use super::{Key, Scenario, nearest_key};
 use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -77,14 +77,13 @@ impl ScenarioSource {
         else {
             return error;
         };
-        let set = |setting: &String| setting.split('=').next().is_some_and(|key| key.trim() == place);
         let in_file = || {
             let text = std::fs::read_to_string(self.file.as_ref()?).ok()?;
             let (section, key) = place.split_once('.')?;
             text.parse::<Table>().ok()?.get(section)?.get(key).map(drop)
         };
         let place = match &self.file {
-            _ if self.settings.iter().any(set) => place,
+            _ if self.settings.iter().any(|setting| sets(setting, &place)) => place,
             Some(path) if in_file().is_some() => format!("{}: key {place}", path.display()),
             _ => place,
         };
@@ -159,6 +158,12 @@ fn parse_setting(setting: &str) -> Result<Table> {
         table = outer;
     }
     Ok(table)
+}
+
+/// Whether a `KEY=VALUE` setting gives this key of a scenario a value.
+pub(crate) fn sets(setting: &str, key: &str) -> bool {
+    let layer = parse_setting(setting).unwrap_or_default();
+    Key::find(key).is_some_and(|key| key.value(&layer).is_some())
 }
 
 /// Replaces values of `base` by those of `layer`. Every key must exist in `base`, and a table must stay a table.
