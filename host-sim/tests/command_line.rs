@@ -229,6 +229,14 @@ fn bad_scenarios_are_one_line_each() {
             format!("error: {option}: found --set {setting} beside it, expected one of the two")
         );
     }
+    for command in ["run", "loop"] {
+        assert_eq!(
+            refusal(&[
+                command, "--policy", "central", "--policy", "clock", "--table", path
+            ]),
+            "error: --table: found only --policy central, clock beside it, expected --policy actor, which alone uses a table"
+        );
+    }
     assert!(refusal(&["run", "--worlds", "0"]).contains("--worlds"));
     assert!(refusal(&["run", "--worlds", "-3"]).contains("invalid value '-3' for '--worlds"));
     assert!(

@@ -89,16 +89,25 @@ pub struct PreparedRun {
 }
 
 impl RunOptions {
-    /// Refuses what contradicts itself as a person typed it. [`RunOptions::prepare`] does not: its callers may lay settings
-    /// of their own below the typed options.
+    /// Refuses what contradicts itself, or has no effect, as a person typed it. [`RunOptions::prepare`] does not: its callers
+    /// may lay settings of their own below the typed options, and a point of a sweep has the whole grid's table.
     ///
     /// # Errors
     /// The first contradiction.
     pub fn check_typed(&self) -> Result<()> {
-        match self.vehicles {
-            Some(_) => self.scenario.check_not_set("--vehicles", "cell.vehicles"),
-            None => Ok(()),
+        if self.vehicles.is_some() {
+            self.scenario.check_not_set("--vehicles", "cell.vehicles")?;
         }
+        if self.table.is_some()
+            && !self.policy.is_empty()
+            && !self.policy.iter().any(|policy| policy.uses_table())
+        {
+            let expected = format!("--policy {}, which alone uses a table", PolicyName::Actor.name());
+            let names: Vec<_> = self.policy.iter().map(|policy| policy.name()).collect();
+            let found = format!("only --policy {} beside it", names.join(", "));
+            return Err(Error::input("--table", found, expected));
+        }
+        Ok(())
     }
 
     /// Reads and checks all input.

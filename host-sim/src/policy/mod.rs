@@ -66,6 +66,11 @@ impl PolicyName {
         }
     }
 
+    /// Whether it decides by a weight table.
+    pub const fn uses_table(self) -> bool {
+        matches!(self, Self::Actor)
+    }
+
     /// Whether vehicles need the base station's groups, which reach 100 members each.
     const fn needs_groups(self) -> bool {
         matches!(self, Self::Actor | Self::Clock)
@@ -76,7 +81,7 @@ impl PolicyName {
     /// # Errors
     /// [`Error::Input`] names the limit that is exceeded, or the table's property that does not fit the scenario.
     pub fn check(self, scenario: &Scenario, vehicles: usize, table: &Table<'_>) -> Result<()> {
-        if self == Self::Actor {
+        if self.uses_table() {
             let most = usize::from(table.max_vehicles());
             if vehicles > most {
                 return Err(Error::input(
