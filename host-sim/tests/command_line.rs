@@ -245,6 +245,48 @@ fn bad_scenarios_are_one_line_each() {
 }
 
 #[test]
+fn an_assignment_above_its_gap_ends_with_exit_code_1_after_its_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("flows.csv");
+    let flows = file.to_str().unwrap();
+    let fixture = |name: &str| {
+        format!(
+            "{}/tests/fixtures/SiouxFalls_{name}.tntp",
+            env!("CARGO_MANIFEST_DIR")
+        )
+    };
+    let (net, trips) = (fixture("net"), fixture("trips"));
+    let problem = [
+        "assign", "--net", &net, "--trips", &trips, "--gap", "0", "--flows", flows,
+    ];
+    for (limit, stopped, why) in [
+        (["--max-iterations", "2"], "iterations", "not converged"),
+        (["--algorithm", "bfw"], "stagnation", "stagnated"),
+    ] {
+        let solve = |form: &[&str]| {
+            let output = host_sim(&[&problem, &limit[..], form].concat());
+            let message = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(1), "{message}");
+            assert!(message.starts_with(&format!("error: {why}")), "{message}");
+            assert!(message.ends_with(" iterations, 0e0 was asked for\n"), "{message}");
+            assert_eq!(std::fs::read_to_string(flows).unwrap().lines().count(), 77);
+            std::fs::remove_file(flows).unwrap();
+            String::from_utf8(output.stdout).unwrap()
+        };
+        let object: Value = serde_json::from_str(&solve(&["--json"])).unwrap();
+        assert_eq!(object["converged"], false);
+        assert_eq!(object["stopped"], stopped);
+        assert_eq!(object["gap_asked_for"], 0.0);
+        let text = solve(&[]);
+        let ending = format!("converged            NO\nstopped by           {stopped}\n");
+        assert!(
+            text.contains(&ending) && text.contains(" (0e0 was asked for)\n"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
 fn bad_tables_are_named_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let (file, out) = (folder.path().join("table.bin"), folder.path().join("out"));

@@ -42,7 +42,8 @@ pub struct AssignArguments {
     /// ue: user equilibrium; so: system optimum
     #[arg(long, value_enum, default_value = "ue")]
     pub objective: Objective,
-    /// Relative gap (TSTT - SPTT) / TSTT to stop at [default: 1e-10 with path, 1e-4 with the others]
+    /// Relative gap (TSTT - SPTT) / TSTT to stop at; exit code 1 says that it was not reached [default: 1e-10 with path, 1e-4
+    /// with the others]
     #[arg(long, allow_negative_numbers = true)]
     pub gap: Option<f64>,
     /// Iterations to stop at even if the gap is larger
@@ -187,32 +188,32 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         progress.finish();
     }
     outputs::write(arguments, (network, demand), &selection, &solution)?;
-    if !solution.converged {
-        let why = match solution.stopped {
-            Stop::Stagnation => "stagnated, as far as this method and double precision go",
-            Stop::Gap | Stop::Iterations => "not converged",
-        };
-        eprintln!(
-            "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
-            solution.relative_gap,
-            solution.iterations,
-            arguments.gap()
-        );
-    }
     let seconds_total = start.elapsed().as_secs_f64();
     if arguments.json {
         say!(
             "{}",
-            solution_json(network, demand, &solution, seconds, seconds_total)
+            solution_json(arguments, (network, demand), &solution, seconds, seconds_total)
         );
     } else {
         print_problem(network, demand);
-        print_solution(&solution, seconds, seconds_total);
+        print_solution(arguments, &solution, seconds, seconds_total);
         for (word, path) in outputs::written(arguments) {
             say!("{word:<21}{}", path.display());
         }
     }
-    Ok(())
+    if solution.converged {
+        return Ok(());
+    }
+    let why = match solution.stopped {
+        Stop::Stagnation => "stagnated, as far as this method and double precision go",
+        Stop::Gap | Stop::Iterations => "not converged",
+    };
+    Err(Error::Unreached(format!(
+        "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
+        solution.relative_gap,
+        solution.iterations,
+        arguments.gap()
+    )))
 }
 
 fn judge(
@@ -247,14 +248,15 @@ fn judge(
 }
 
 fn solution_json(
-    network: &Network,
-    demand: &Demand,
+    arguments: &AssignArguments,
+    (network, demand): (&Network, &Demand),
     solution: &Solution,
     seconds: f64,
     seconds_total: f64,
 ) -> serde_json::Value {
     serde_json::json!({
         "relative_gap": solution.relative_gap,
+        "gap_asked_for": arguments.gap(),
         "objective": solution.objective,
         "total_travel_time": solution.total_travel_time,
         "iterations": solution.iterations,
@@ -309,7 +311,7 @@ fn print_problem(network: &Network, demand: &Demand) {
     say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
-fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
+fn print_solution(arguments: &AssignArguments, solution: &Solution, seconds: f64, seconds_total: f64) {
     say!("");
     say!("iteration   relative gap             objective    seconds");
     // All, or evenly spaced ones: always the first and the last.
@@ -336,7 +338,11 @@ fn print_solution(solution: &Solution, seconds: f64, seconds_total: f64) {
         if solution.converged { "yes" } else { "NO" }
     );
     say!("stopped by           {}", stop_name(solution.stopped));
-    say!("relative gap         {:.4e}", solution.relative_gap);
+    say!(
+        "relative gap         {:.4e} ({:e} was asked for)",
+        solution.relative_gap,
+        arguments.gap()
+    );
     say!("objective            {}", solution.objective);
     say!("total travel time    {}", solution.total_travel_time);
     say!("iterations           {}", solution.iterations);

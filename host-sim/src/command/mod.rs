@@ -12,7 +12,7 @@ pub mod run;
 pub mod scenario;
 pub mod sweep;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::say;
 use clap::error::ErrorKind;
 use std::process::ExitCode;
@@ -59,13 +59,17 @@ pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -
     Ok(())
 }
 
-/// Ends a command: an error becomes one line on stderr and exit code 2.
+/// Ends a command: an error becomes one line on stderr and exit code 2, or 1 where results are there all the same.
 pub fn finish(outcome: Result<()>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
-            ExitCode::from(2)
+            ExitCode::from(if matches!(error, Error::Unreached(_)) {
+                1
+            } else {
+                2
+            })
         }
     }
 }
