@@ -112,7 +112,7 @@ impl RunFolder {
         self.0.join("report.json")
     }
 
-    /// Writes a run's result, each file whole or not at all, the report last. Without a table one that is there goes.
+    /// Writes a run's result, each file whole or not at all, the report last.
     ///
     /// # Errors
     /// The file that cannot be written.
@@ -122,6 +122,22 @@ impl RunFolder {
             write_whole(&self.table(), table)?;
         }
         write_whole(&self.report(), format!("{report:#}\n").as_bytes())
+    }
+
+    /// Checks that this is not the folder of a training run, which other results would mingle with.
+    ///
+    /// # Errors
+    /// If it is.
+    pub fn check_no_run(&self) -> Result<()> {
+        let identity = self.identity();
+        if identity.exists() {
+            return Err(Error::input(
+                identity.display(),
+                "a run of train",
+                "another folder",
+            ));
+        }
+        Ok(())
     }
 
     /// Begins a run, or goes on with it, and keeps other processes out for as long as the returned file is held.
@@ -352,6 +368,12 @@ mod tests {
         assert_eq!(
             message(&to_safetensors(&narrow).unwrap()),
             "file: actors: found widths [7, 3], expected 7 inputs and 2 outputs"
+        );
+        let mut diverged = actors(2);
+        diverged.networks[1].layers[0].biases[2] = f32::NAN;
+        assert_eq!(
+            message(&to_safetensors(&diverged).unwrap()),
+            "file: actor of vehicle 1: layers.0: found NaN, expected finite numbers"
         );
         let mut odd = actors(2);
         odd.networks[1] = Network::random(&[7, 4, 2], &mut random::initial(1, 0));

@@ -167,6 +167,7 @@ impl Plan {
     /// The first run that fails.
     pub fn carry_out(&self, out: &Path, conduct: &StudyConduct) -> Result<Vec<StudyRun>> {
         check_folder(out)?;
+        RunFolder::new(out).check_no_run()?;
         let runs: Vec<(usize, u64)> = (0..self.case.len())
             .flat_map(|case| self.seeds.iter().map(move |&seed| (case, seed)))
             .collect();

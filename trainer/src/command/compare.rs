@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 /// Options of `compare`.
 #[derive(Clone, Debug, clap::Args)]
+#[command(mut_arg("policy", |policy| policy.help("Policy to compare the table with (repeatable) [default: clock]")))]
 pub struct CompareArguments {
     /// Folder of a training run whose table to judge
     #[arg(long, value_name = "DIR", conflicts_with = "table")]

@@ -151,13 +151,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     }
     check_folder(&arguments.out)?;
     let folder = RunFolder::new(&arguments.out);
-    if folder.identity().exists() {
-        return Err(Error::input(
-            folder.identity().display(),
-            "a run of train",
-            "another folder",
-        ));
-    }
+    folder.check_no_run()?;
     let start = Instant::now();
     let recipe = Recipe {
         seed: arguments.seed,

@@ -21,6 +21,7 @@ use std::time::Instant;
 
 /// Options of `eval`.
 #[derive(Clone, Debug, clap::Args)]
+#[command(mut_arg("policy", |policy| policy.help("Policy to run beside a run's actors (repeatable) [default: central with --run, else all]")))]
 pub struct EvalArguments {
     /// Folder of a training run: evaluates its actors in int8 (actor), in float (float), and exploring as in training
     /// (exploring); in the scenario of the run unless --set changes it; beside the central scheduler unless --policy is given
@@ -148,11 +149,12 @@ impl TrainedActors {
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let (actors, identity) = (folder.read_actors()?, folder.read_identity()?);
         let (setting, tables) = match &identity {
-            Some(identity) => {
+            // Each vehicle's own table, or one of a run that is still going on, is made when it is asked for.
+            Some(identity) if !folder.table().exists() => {
                 let tables = actor_tables(identity, &actors);
                 (setting(&identity.configuration.scenario), tables)
             }
-            None => {
+            _ => {
                 let bytes = table_bytes(Some(&folder.table()))?;
                 let table = parse_table(Some(&folder.table()), &bytes)?;
                 check_widths(folder, &actors, &table)?;

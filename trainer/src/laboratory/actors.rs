@@ -42,7 +42,7 @@ impl Actors {
         self.networks.len() == 1
     }
 
-    /// Checks widths against each other and against the form.
+    /// Checks widths against each other and against the form, and that all parameters are numbers.
     ///
     /// # Errors
     /// What does not fit.
@@ -64,6 +64,13 @@ impl Actors {
                     found,
                     format!("{widths:?} as of vehicle 0"),
                 ));
+            }
+            for (index, layer) in network.layers.iter().enumerate() {
+                let mut parameters = layer.weights.iter().chain(&layer.biases);
+                if let Some(found) = parameters.find(|parameter| !parameter.is_finite()) {
+                    let place = format!("actor of vehicle {vehicle}: layers.{index}");
+                    return Err(Error::input(place, found, "finite numbers"));
+                }
             }
         }
         Ok(())

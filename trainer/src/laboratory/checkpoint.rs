@@ -170,7 +170,11 @@ pub fn first_difference(found: &Value, expected: &Value) -> Option<(String, Stri
         let difference = match (left, right) {
             (Some(left), Some(right)) => first_difference(left, right),
             (left, right) => {
-                let text = |value: Option<&Value>| value.map_or("nothing".to_owned(), Value::to_string);
+                let text = |value: Option<&Value>| match value {
+                    None => "nothing".to_owned(),
+                    Some(Value::Object(section)) => format!("a section of {} keys", section.len()),
+                    Some(value) => value.to_string(),
+                };
                 Some((String::new(), text(left), text(right)))
             }
         };

@@ -236,6 +236,11 @@ fn prior(recipe: &Recipe, stream: &mut Stream) -> Network {
 /// The actor to go on from, with its scores made sharper or, so that it explores, blunter.
 fn first_actor(recipe: &Recipe) -> Result<Network> {
     let folder = RunFolder::new(&recipe.first_actor);
+    if !folder.actors().exists() {
+        let found = format!("{}, which does not exist", folder.actors().display());
+        let expected = "the folder of a run, such as `trainer distil` leaves";
+        return Err(Error::input("ppo.first_actor", found, expected));
+    }
     let actors = folder.read_actors()?;
     let mut actor = actors.network(0).clone();
     let (found, expected) = (actor.widths(), widths(INPUTS, &recipe.hidden, ACTIONS));
