@@ -2,6 +2,7 @@
 
 use super::{Key, Scenario, nearest_key};
 use crate::error::{Error, Result};
+use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -56,18 +57,15 @@ impl ScenarioSource {
     pub fn read(&self) -> Result<Scenario> {
         let mut table = self.preset.values();
         lay_over(&mut table, self.file.as_deref(), &self.settings, nearest)?;
-        let scenario: Scenario = table.clone().try_into().map_err(|error: toml::de::Error| {
-            let place = self
-                .file
-                .as_deref()
-                .map_or("--set".to_owned(), |path| path.display().to_string());
-            Error::input(place, error.message(), "the type that the key has in the preset")
-        })?;
-        scenario.check(&table).map_err(|error| self.with_origin(error))?;
-        Ok(scenario)
+        let checked = |values: Table| {
+            let scenario: Scenario = typed("", values.clone().into())?;
+            scenario.check(&values)?;
+            Ok(scenario)
+        };
+        checked(table).map_err(|error| self.with_origin(error))
     }
 
-    /// Says where a key that is out of range was set.
+    /// Says where a key whose value does not fit was set.
     fn with_origin(&self, error: Error) -> Error {
         let Error::Input {
             place,
@@ -95,19 +93,65 @@ impl ScenarioSource {
     }
 }
 
-/// What to expect instead of an unknown key; it gets the key, and the keys that its table has.
-pub type Suggest = fn(&str, &Table) -> String;
+/// What to expect instead of an unknown key; it gets the key, the section that lacks it as `section.`, and all known keys
+/// and sections.
+pub type Suggest = fn(&str, &str, &[String]) -> String;
 
 /// The nearest key of a scenario.
-fn nearest(key: &str, _known: &Table) -> String {
+fn nearest(key: &str, _section: &str, _known: &[String]) -> String {
     format!("{}, or another key of `host-sim explain`", nearest_key(key))
 }
 
-/// All keys of the table.
-pub fn siblings(key: &str, known: &Table) -> String {
-    let prefix = key.rfind('.').map_or("", |dot| &key[..=dot]);
-    let known: Vec<_> = known.keys().map(|name| format!("{prefix}{name}")).collect();
-    format!("one of {}", known.join(", "))
+/// A key's section as `section.`, and its name.
+fn parts(key: &str) -> (&str, &str) {
+    key.split_at(key.rfind('.').map_or(0, |dot| dot + 1))
+}
+
+/// The keys of the same name in other sections; where there are none, all keys of its own.
+pub fn siblings(key: &str, section: &str, known: &[String]) -> String {
+    let known = || known.iter().map(String::as_str);
+    let elsewhere: Vec<_> = known().filter(|known| parts(known).1 == parts(key).1).collect();
+    if elsewhere.is_empty() {
+        let beside: Vec<_> = known().filter(|known| parts(known).0 == section).collect();
+        return format!("one of {}", beside.join(", "));
+    }
+    elsewhere.join(" or ")
+}
+
+/// Names of all sections and keys of a table.
+fn names(table: &Table, prefix: &str, into: &mut Vec<String>) {
+    for (name, value) in table {
+        let key = format!("{prefix}{name}");
+        if let Value::Table(section) = value {
+            names(section, &format!("{key}."), into);
+        }
+        into.push(key);
+    }
+}
+
+/// Values with all their keys as the type that they describe.
+///
+/// # Errors
+/// [`Error::Input`] names the key below `section`, what stands there and what is expected.
+pub fn typed<T: DeserializeOwned>(section: &str, values: Value) -> Result<T> {
+    values.try_into().map_err(|error: toml::de::Error| {
+        // The key is in the last line of the error's text, and nowhere else.
+        let text = error.to_string();
+        let key = text
+            .trim_end()
+            .rsplit_once("\nin `")
+            .map(|(_, key)| key.trim_end_matches('`'));
+        let place: Vec<&str> = [section]
+            .into_iter()
+            .chain(key)
+            .filter(|part| !part.is_empty())
+            .collect();
+        let (found, expected) = error
+            .message()
+            .split_once(", expected ")
+            .unwrap_or((error.message(), "the keys and types of the preset"));
+        Error::input(place.join("."), found, expected)
+    })
 }
 
 /// Lays a file, then `KEY=VALUE` settings over a table that has every key with a value of its type.
@@ -177,6 +221,20 @@ pub fn overlay(
     file: Option<&Path>,
     suggest: Suggest,
 ) -> Result<()> {
+    let mut known = Vec::new();
+    names(base, prefix, &mut known);
+    overlay_section(base, layer, prefix, file, &|key, section| {
+        suggest(key, section, &known)
+    })
+}
+
+fn overlay_section(
+    base: &mut Table,
+    layer: Table,
+    prefix: &str,
+    file: Option<&Path>,
+    suggest: &dyn Fn(&str, &str) -> String,
+) -> Result<()> {
     let place = |key: &str| match file {
         Some(path) => format!("{}: key {key}", path.display()),
         None => format!("--set {key}"),
@@ -184,11 +242,12 @@ pub fn overlay(
     for (name, value) in layer {
         let key = format!("{prefix}{name}");
         if !base.contains_key(&name) {
-            return Err(Error::input(place(&key), "an unknown key", suggest(&key, base)));
+            let key = whole_key(key, &value);
+            return Err(Error::input(place(&key), "an unknown key", suggest(&key, prefix)));
         }
         match (base.get_mut(&name), value) {
             (Some(Value::Table(inner)), Value::Table(layer)) => {
-                overlay(inner, layer, &format!("{key}."), file, suggest)?
+                overlay_section(inner, layer, &format!("{key}."), file, suggest)?
             }
             (Some(Value::Table(_)), other) => {
                 return Err(Error::input(
@@ -219,6 +278,15 @@ pub fn overlay(
         }
     }
     Ok(())
+}
+
+/// The key with those below it, as far as each stands alone there: all that a setting names.
+fn whole_key(key: String, value: &Value) -> String {
+    let below = value.as_table().filter(|table| table.len() == 1);
+    match below.and_then(|table| table.iter().next()) {
+        Some((name, value)) => whole_key(format!("{key}.{name}"), value),
+        None => key,
+    }
 }
 
 #[cfg(test)]
@@ -264,6 +332,10 @@ mod tests {
             "--set radio.sub_chanels: found an unknown key, expected radio.sub_channels, or another key of `host-sim explain`"
         );
         assert_eq!(
+            message("scenario.cell.vehicles=3"),
+            "--set scenario.cell.vehicles: found an unknown key, expected cell.vehicles, or another key of `host-sim explain`"
+        );
+        assert_eq!(
             message("cell.vehicles"),
             "--set: found \"cell.vehicles\", expected KEY=VALUE"
         );
@@ -295,5 +367,55 @@ mod tests {
             message("cell.vehicles=many"),
             "--set cell.vehicles: found \"many\", expected a whole number from 0 to 4294967295"
         );
+    }
+
+    #[test]
+    fn unknown_keys_find_their_name_in_other_sections() {
+        let message = |setting: &str| {
+            let mut table = parse(
+                "",
+                "name = 1\n[learner]\nrate = 1\nloss = \"l\"\n[scene.cell]\nvehicles = 3\nrate = 2",
+            )
+            .unwrap();
+            lay_over(&mut table, None, &[setting.to_owned()], siblings)
+                .unwrap_err()
+                .to_string()
+        };
+        for (setting, expected) in [
+            ("cell.vehicles=5", "scene.cell.vehicles"),
+            ("learner.vehicles=5", "scene.cell.vehicles"),
+            ("rate=5", "learner.rate or scene.cell.rate"),
+            ("cell={vehicles=5, rate=2}", "scene.cell"),
+            ("learner.lss=5", "one of learner.loss, learner.rate"),
+            ("scene.cells.none=5", "one of scene.cell"),
+            ("cells.none=5", "one of learner, name, scene"),
+        ] {
+            let key = setting.split('=').next().unwrap();
+            assert_eq!(
+                message(setting),
+                format!("--set {key}: found an unknown key, expected {expected}")
+            );
+        }
+    }
+
+    #[test]
+    fn values_that_fit_no_type_are_named_by_their_key() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(rename_all = "kebab-case")]
+        enum Loss {
+            Squared,
+            Huber,
+        }
+        let message = |text: &str| {
+            let values = Value::Table(parse("", text).unwrap());
+            typed::<std::collections::BTreeMap<String, Loss>>("learner", values)
+                .unwrap_err()
+                .to_string()
+        };
+        assert_eq!(
+            message("loss = \"squared\"\nother = \"cubed\""),
+            "learner.other: found unknown variant `cubed`, expected `squared` or `huber`"
+        );
+        assert!(message("loss = 3").starts_with("learner.loss: found "));
     }
 }
