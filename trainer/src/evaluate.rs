@@ -3,8 +3,10 @@
 use crate::distil::{as_float, best_action};
 use crate::laboratory::actors::Actors;
 use crate::laboratory::forms::{ObservationForm, OutputForm};
+use crate::network::Batch;
 use firmware::actor::Actor;
 use firmware::decision::PowerPlan;
+use firmware::measurement::Measurement;
 use firmware::observation::Observation;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
@@ -55,7 +57,11 @@ pub struct FloatActors<'a> {
     setting: Setting,
     /// Of exploration, one a world; without them every decision is greedy.
     explore: Vec<Stream>,
+    /// Worlds that measured, what they did, and their inputs side by side.
+    measured: Vec<(usize, Measurement)>,
     inputs: Vec<f32>,
+    batch: Batch,
+    outputs: Vec<f32>,
     /// One table, or one for each vehicle, that is asked too.
     quantised: Vec<Actor<'a>>,
     agreement: &'a Agreement,
@@ -73,7 +79,10 @@ impl<'a> FloatActors<'a> {
             actors,
             setting,
             explore: Vec::new(),
-            inputs: vec![0.0; actors.form.observation.length()],
+            measured: Vec::new(),
+            inputs: Vec::new(),
+            batch: Batch::default(),
+            outputs: vec![0.0; actors.form.output.length()],
             quantised: tables.iter().cloned().map(Actor::new).collect(),
             agreement,
         }
@@ -107,19 +116,29 @@ impl Policy for FloatActors<'_> {
         let last = self.quantised.len().saturating_sub(1);
         let (mut same, mut all) = (0, 0);
         for &vehicle in environment.present() {
-            for world in 0..environment.worlds() {
-                let Some(measurement) = environment.measurement(world, vehicle) else {
-                    continue;
-                };
-                form.observation
-                    .write(&measurement, required_sinr, &mut self.inputs);
-                let outputs = self.actors.network(vehicle).forward(&self.inputs);
-                let explore = self.explore.get_mut(world);
-                let decision = form.output.decide(&outputs, &measurement, &power_plan, explore);
-                decisions.set(world, vehicle, decision);
+            let worlds = 0..environment.worlds();
+            self.measured.clear();
+            self.measured
+                .extend(worlds.filter_map(|world| Some((world, environment.measurement(world, vehicle)?))));
+            let (length, samples) = (form.observation.length(), self.measured.len());
+            self.inputs.resize(samples * length, 0.0);
+            for ((_, measurement), input) in self.measured.iter().zip(self.inputs.chunks_exact_mut(length)) {
+                form.observation.write(measurement, required_sinr, input);
+            }
+            let network = self.actors.network(vehicle);
+            let columns = network.forward_batch(&self.inputs, &mut self.batch);
+            for (sample, (world, measurement)) in self.measured.iter().enumerate() {
+                for (output, line) in self.outputs.iter_mut().zip(columns.chunks_exact(samples)) {
+                    *output = line[sample];
+                }
+                let explore = self.explore.get_mut(*world);
+                let decision = form
+                    .output
+                    .decide(&self.outputs, measurement, &power_plan, explore);
+                decisions.set(*world, vehicle, decision);
                 if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
-                    let observation = Observation::new(&measurement);
-                    same += u64::from(best_action(&outputs) == quantised.act(&observation));
+                    let observation = Observation::new(measurement);
+                    same += u64::from(best_action(&self.outputs) == quantised.act(&observation));
                     all += 1;
                 }
             }

@@ -15,6 +15,7 @@ pub mod maddpg;
 pub mod network;
 pub mod onnx;
 pub mod ppo;
+pub mod product;
 pub mod quantise;
 pub mod run_folder;
 pub mod study;

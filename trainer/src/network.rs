@@ -4,6 +4,7 @@
 //! seed on any machine: every sum below has one fixed order, nothing is fused, and transcendental functions are libm's.
 //! Inner loops run over a layer's outputs, so that they vectorise, at whatever width the machine has, without changing a sum.
 
+use crate::product::{Factor, Product, Rounding, Scratch, Start, transpose};
 use host_sim::lanes::Vectors;
 use host_sim::stream::Stream;
 use rayon::prelude::*;
@@ -79,6 +80,14 @@ fn add_scaled(target: &mut [f32], factor: f32, values: &[f32]) {
 #[derive(Clone, Debug)]
 pub struct Activations(Vec<Vec<f32>>);
 
+/// Activations of many samples, `[unit][sample]`.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    values: Vec<f32>,
+    next: Vec<f32>,
+    scratch: Scratch,
+}
+
 impl Network {
     /// A network of these widths (inputs first) with uniform weights and biases in +-1/sqrt(inputs).
     pub fn random(widths: &[usize], stream: &mut Stream) -> Self {
@@ -112,12 +121,43 @@ impl Network {
     }
 
     /// The last layer's outputs, computed in buffers that [`Network::activations`] made.
-    pub fn forward_into<'a>(&self, input: &[f32], activations: &'a mut Activations) -> &'a [f32] {
+    fn forward_into<'a>(&self, input: &[f32], activations: &'a mut Activations) -> &'a [f32] {
         Vectors::widest().run(
             #[inline(always)]
             || self.run(input, activations),
         );
         activations.0.last().map_or(&[], Vec::as_slice)
+    }
+
+    /// The last layer's outputs, `[output][sample]`, for inputs `[sample][input]`: what [`Network::forward`] gives for each, but
+    /// weights are read once for all.
+    pub fn forward_batch<'a>(&self, inputs: &[f32], batch: &'a mut Batch) -> &'a [f32] {
+        let Batch {
+            values,
+            next,
+            scratch,
+        } = batch;
+        let width = self.layers.first().map_or(1, |layer| layer.inputs);
+        let samples = inputs.len() / width;
+        values.resize(inputs.len(), 0.0);
+        transpose(inputs, width, values, samples);
+        for (index, layer) in self.layers.iter().enumerate() {
+            next.resize(layer.outputs * samples, 0.0);
+            Product {
+                left: Factor::Transposed(&layer.weights),
+                right: Factor::Plain(values),
+                depth: layer.inputs,
+                columns: samples,
+                start: Start::Rows(&layer.biases),
+                rectify: index + 1 < self.layers.len(),
+                rounding: Rounding::Each,
+                result: next,
+                scratch,
+            }
+            .compute();
+            std::mem::swap(values, next);
+        }
+        values
     }
 
     /// The hidden activations' largest values over samples, by layer; the outputs come last.
@@ -133,8 +173,8 @@ impl Network {
         largest
     }
 
-    /// Buffers for [`Network::forward_into`].
-    pub fn activations(&self) -> Activations {
+    /// Buffers for one sample.
+    fn activations(&self) -> Activations {
         Activations(self.widths().into_iter().map(|width| vec![0.0; width]).collect())
     }
 
@@ -168,7 +208,7 @@ impl Network {
         inputs: &[&[f32]],
         loss: impl Fn(usize, &[f32], &mut [f32]) -> [f32; MEANS] + Sync,
     ) -> ([f32; MEANS], Network) {
-        let transposed: Vec<Vec<f32>> = self.layers.iter().map(transpose).collect();
+        let transposed: Vec<Vec<f32>> = self.layers.iter().map(|layer| layer.rows().collect()).collect();
         let partial: Vec<([f32; MEANS], Network)> = inputs
             .par_chunks(CHUNK)
             .enumerate()
@@ -262,13 +302,6 @@ impl Network {
     }
 }
 
-/// `[outputs][inputs]` of a layer's weights.
-fn transpose(layer: &Layer) -> Vec<f32> {
-    (0..layer.outputs)
-        .flat_map(|output| (0..layer.inputs).map(move |input| layer.weights[input * layer.outputs + output]))
-        .collect()
-}
-
 /// Cross entropy of a softmax, and its gradient with respect to the outputs.
 fn softmax_error(outputs: &[f32], class: usize, error: &mut [f32]) -> f32 {
     let largest = outputs
@@ -353,6 +386,21 @@ mod tests {
             .map(|x| u8::from(x[0] > 0.0) + u8::from(x[1] > 0.3))
             .collect();
         (inputs, classes)
+    }
+
+    #[test]
+    fn samples_of_a_batch_are_as_if_alone() {
+        let network = Network::random(&[5, 70, 33, 4], &mut stream());
+        let mut batch = Batch::default();
+        for count in [1, 20, 33] {
+            let (inputs, _) = samples(&mut stream(), count);
+            let outputs = network.forward_batch(&inputs.concat(), &mut batch);
+            for (sample, input) in inputs.iter().enumerate() {
+                let alone = network.forward(input);
+                let together: Vec<f32> = outputs.iter().skip(sample).step_by(count).copied().collect();
+                assert_eq!(together, alone, "sample {sample} of {count}");
+            }
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The paper's modified MADDPG and its family.
 //!
 //! [`learner`] is the algorithm, `update` its arithmetic; [`options`] what may be changed about it; [`arena`] where it plays. Networks run on the own
-//! kernels of [`product`], [`perceptron`] and [`optimiser`], because they give the same bits on every machine and with any
+//! kernels of [`crate::product`], [`perceptron`] and [`optimiser`], because they give the same bits on every machine and with any
 //! number of threads, and use AVX-512 where it is; every gradient is checked against finite differences.
 
 pub mod actions;
@@ -17,7 +17,6 @@ pub mod learner;
 pub mod optimiser;
 pub mod options;
 pub mod perceptron;
-pub mod product;
 pub mod replay;
 pub mod set_critic;
 mod update;

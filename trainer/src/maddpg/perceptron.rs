@@ -3,7 +3,7 @@
 //! Activations are `[unit][column]`, one column a sample: every product then runs over the batch, and weights are read once, as
 //! PyTorch keeps them (`[outputs][inputs]`).
 
-use super::product::{Factor, Product, Scratch, Start, transpose};
+use crate::product::{Factor, Product, Rounding, Scratch, Start, transpose};
 use host_sim::stream::Stream;
 use std::ops::Range;
 
@@ -100,6 +100,7 @@ impl Perceptron {
                 columns,
                 start: Start::Rows(&parameters[self.biases(layer)]),
                 rectify: layer + 1 < self.layers(),
+                rounding: Rounding::Fused,
                 result,
                 scratch: &mut pass.scratch,
             }
@@ -129,6 +130,7 @@ impl Perceptron {
                     columns: inputs,
                     start: Start::Zero,
                     rectify: false,
+                    rounding: Rounding::Fused,
                     result: &mut gradient[self.weights(layer)],
                     scratch: &mut pass.scratch,
                 }
@@ -150,6 +152,7 @@ impl Perceptron {
                     columns,
                     start: Start::Zero,
                     rectify: false,
+                    rounding: Rounding::Fused,
                     result,
                     scratch: &mut pass.scratch,
                 }

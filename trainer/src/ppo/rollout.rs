@@ -3,7 +3,7 @@
 use super::Recipe;
 use super::advantage::advantages;
 use super::loss::{log_probability, softmax};
-use crate::network::Network;
+use crate::network::{Batch, Network};
 use host_sim::stream::Stream;
 
 /// Agents that act together, slot after slot. Rows are in the order of agents, the same in every slot.
@@ -64,16 +64,18 @@ pub fn play(
     let decided = recipe.slots as usize * agents;
     let mut experience = Experience::default();
     let (mut rewards, mut weights) = (Vec::with_capacity(decided), Vec::with_capacity(decided));
-    let mut activations = actor.activations();
+    let mut batch = Batch::default();
     let width = actor.layers[0].inputs;
-    let mut probabilities = Vec::new();
+    let (mut scores, mut probabilities) = (Vec::new(), Vec::new());
     for _ in 0..recipe.slots {
         let first = experience.actions.len();
         arena.observe(&mut experience.inputs, &mut experience.views);
-        for input in experience.inputs[first * width..].chunks_exact(width) {
-            let scores = actor.forward_into(input, &mut activations);
+        let columns = actor.forward_batch(&experience.inputs[first * width..], &mut batch);
+        for agent in 0..agents {
+            scores.clear();
+            scores.extend(columns.iter().skip(agent).step_by(agents));
             probabilities.resize(scores.len(), 0.0);
-            softmax(scores, &mut probabilities);
+            softmax(&scores, &mut probabilities);
             let action = draw(&probabilities, stream.uniform());
             experience.actions.push(action as u8);
             experience
@@ -84,16 +86,11 @@ pub fn play(
     }
     // The state after the last reward is valued, and then forgotten.
     arena.observe(&mut experience.inputs, &mut experience.views);
-    let mut activations = critic.activations();
     let view_width = critic.layers[0].inputs;
-    let values: Vec<f32> = experience
-        .views
-        .chunks_exact(view_width)
-        .map(|view| critic.forward_into(view, &mut activations)[0])
-        .collect();
+    let values = critic.forward_batch(&experience.views, &mut batch);
     experience.inputs.truncate(decided * width);
     experience.views.truncate(decided * view_width);
-    let advantages = advantages(&rewards, &values, agents, recipe.discount, recipe.trace);
+    let advantages = advantages(&rewards, values, agents, recipe.discount, recipe.trace);
     experience.targets = values
         .iter()
         .zip(&advantages)

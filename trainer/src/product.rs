@@ -1,7 +1,7 @@
 //! The one matrix product behind every dense layer, forwards and backwards.
 //!
-//! Each element is one chain of fused multiply-adds in ascending order of the summation index, whatever the vector width: the
-//! bits of a product are the same on every machine. That is why this is written here and not taken from a library, whose
+//! Each element is one chain of additions in ascending order of the summation index, whatever the vector width: the bits of a
+//! product are the same on every machine. That is why this is written here and not taken from a library, whose
 //! sums depend on the instruction set found at run time. The instruction set (AVX-512, AVX2 or none) is `pulp`'s choice.
 
 use pulp::{Arch, Simd, WithSimd};
@@ -39,6 +39,15 @@ pub enum Start<'a> {
     Add,
 }
 
+/// How a term joins its sum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rounding {
+    /// Product and sum are rounded once, together: fast.
+    Fused,
+    /// The product is rounded, then the sum: the arithmetic of [`crate::network`].
+    Each,
+}
+
 /// `result[i][j] = start + sum over p of left(i, p) right[p][j]`.
 pub struct Product<'a> {
     /// `[rows, depth]`.
@@ -53,6 +62,8 @@ pub struct Product<'a> {
     pub start: Start<'a>,
     /// Whether negative results become zero.
     pub rectify: bool,
+    /// How terms join their sums.
+    pub rounding: Rounding,
     /// `[rows, columns]`, row after row.
     pub result: &'a mut [f32],
     /// Kept between calls.
@@ -74,20 +85,28 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // As many sums as registers hold; fewer where the columns fill no more.
-        if self.columns <= S::F32_LANES {
-            tiles::<S, 1>(simd, self);
-        } else if S::F32_LANES >= 16 {
-            tiles::<S, 4>(simd, self);
-        } else {
-            tiles::<S, 2>(simd, self);
+        match self.rounding {
+            Rounding::Fused => widths::<S, true>(simd, self),
+            Rounding::Each => widths::<S, false>(simd, self),
         }
+    }
+}
+
+/// As many sums as registers hold; fewer where the columns fill no more.
+#[inline(always)]
+fn widths<S: Simd, const FUSED: bool>(simd: S, product: Product<'_>) {
+    if product.columns <= S::F32_LANES {
+        tiles::<S, 1, FUSED>(simd, product);
+    } else if S::F32_LANES < 16 || product.columns <= 2 * S::F32_LANES {
+        tiles::<S, 2, FUSED>(simd, product);
+    } else {
+        tiles::<S, 4, FUSED>(simd, product);
     }
 }
 
 /// Packs the right factor so that inner loops read it in order, and visits the tiles.
 #[inline(always)]
-fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
+fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Product<'_>) {
     let Product {
         left,
         right,
@@ -95,6 +114,7 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
         columns,
         start,
         rectify,
+        rounding: _,
         result,
         scratch,
     } = product;
@@ -136,14 +156,14 @@ fn tiles<S: Simd, const VECTORS: usize>(simd: S, product: Product<'_>) {
                 let result = &mut result[row * columns..][..tile_rows * columns];
                 let used = width.min(columns - first_column);
                 if used == width {
-                    tile.compute::<S, VECTORS>(simd, tile_rows, &mut result[first_column..], columns);
+                    tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, &mut result[first_column..], columns);
                 } else {
                     // A tile that stands out over the edge is computed beside the result.
                     let place = |index: usize| index * columns + first_column..(index + 1) * columns;
                     for (index, edge) in edge.chunks_exact_mut(width).take(tile_rows).enumerate() {
                         edge[..used].copy_from_slice(&result[place(index)]);
                     }
-                    tile.compute::<S, VECTORS>(simd, tile_rows, edge, width);
+                    tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, edge, width);
                     for (index, edge) in edge.chunks_exact(width).take(tile_rows).enumerate() {
                         result[place(index)].copy_from_slice(&edge[..used]);
                     }
@@ -206,7 +226,7 @@ struct Tile<'a> {
 impl Tile<'_> {
     /// `result` begins with the tile's first element; its rows are `stride` apart.
     #[inline(always)]
-    fn compute<S: Simd, const VECTORS: usize>(
+    fn compute<S: Simd, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
         rows: usize,
@@ -214,14 +234,14 @@ impl Tile<'_> {
         stride: usize,
     ) {
         if rows == TILE_ROWS {
-            self.compute_rows::<S, TILE_ROWS, VECTORS>(simd, result, stride);
+            self.compute_rows::<S, TILE_ROWS, VECTORS, FUSED>(simd, result, stride);
         } else {
-            self.compute_rows::<S, 1, VECTORS>(simd, result, stride);
+            self.compute_rows::<S, 1, VECTORS, FUSED>(simd, result, stride);
         }
     }
 
     #[inline(always)]
-    fn compute_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
+    fn compute_rows<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
         result: &mut [f32],
@@ -254,11 +274,11 @@ impl Tile<'_> {
                 for row in 0..ROWS {
                     lines[row] = &values[(self.row + row) * depth..][..depth];
                 }
-                along_lines(simd, sums, vectors, lines)
+                along_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines)
             }
             Factor::Transposed(values) => {
                 let lines = values[self.terms.start * self.rows + self.row..].chunks(self.rows);
-                across_lines(simd, sums, vectors, lines)
+                across_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines)
             }
         };
         if self.rectify {
@@ -281,7 +301,7 @@ impl Tile<'_> {
 /// The inner loop with a row's factors along a line. Its sums are its own, so that they stay in registers.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "arrays side by side")]
-fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
+fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
     simd: S,
     mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
@@ -289,7 +309,7 @@ fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
 ) -> [[S::f32s; VECTORS]; ROWS] {
     for (term, vectors) in vectors.iter().enumerate() {
         for row in 0..ROWS {
-            add_products(simd, &mut sums[row], vectors, lines[row][term]);
+            add_products::<S, VECTORS, FUSED>(simd, &mut sums[row], vectors, lines[row][term]);
         }
     }
     sums
@@ -298,7 +318,7 @@ fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
 /// The inner loop with a term's factors at the beginning of a line.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "arrays side by side")]
-fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
+fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
     simd: S,
     mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
@@ -307,14 +327,14 @@ fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize>(
     for (vectors, line) in vectors.iter().zip(lines) {
         let line = &line[..ROWS];
         for row in 0..ROWS {
-            add_products(simd, &mut sums[row], vectors, line[row]);
+            add_products::<S, VECTORS, FUSED>(simd, &mut sums[row], vectors, line[row]);
         }
     }
     sums
 }
 
 #[inline(always)]
-fn add_products<S: Simd, const VECTORS: usize>(
+fn add_products<S: Simd, const VECTORS: usize, const FUSED: bool>(
     simd: S,
     sums: &mut [S::f32s; VECTORS],
     vectors: &[S::f32s; VECTORS],
@@ -322,7 +342,11 @@ fn add_products<S: Simd, const VECTORS: usize>(
 ) {
     let factor = simd.splat_f32s(factor);
     for column in 0..VECTORS {
-        sums[column] = simd.mul_add_f32s(factor, vectors[column], sums[column]);
+        sums[column] = if FUSED {
+            simd.mul_add_f32s(factor, vectors[column], sums[column])
+        } else {
+            simd.add_f32s(sums[column], simd.mul_f32s(factor, vectors[column]))
+        };
     }
 }
 
@@ -333,7 +357,8 @@ mod tests {
     use pulp::Scalar;
 
     /// Odd sizes, so that every tail is met.
-    const SIZES: [(usize, usize, usize); 6] = [
+    const SIZES: [(usize, usize, usize); 7] = [
+        (9, 11, 24),
         (1, 1, 1),
         (7, 5, 3),
         (13, 64, 100),
@@ -361,18 +386,23 @@ mod tests {
                 .into_iter()
                 .enumerate()
             {
-                let expected: Vec<f32> = (0..rows * columns)
-                    .map(|place| {
-                        let (row, column) = (place / columns, place % columns);
-                        let first = [0.0, biases[row], before[place]][form];
-                        let sum = (0..depth).fold(first, |sum, p| {
-                            libm::fmaf(left[row * depth + p], right[p * columns + column], sum)
-                        });
-                        sum.max(0.0)
-                    })
-                    .collect();
-                for transposed in [false, true] {
-                    for vectors in [true, false] {
+                for rounding in [Rounding::Fused, Rounding::Each] {
+                    let expected: Vec<f32> = (0..rows * columns)
+                        .map(|place| {
+                            let (row, column) = (place / columns, place % columns);
+                            let first = [0.0, biases[row], before[place]][form];
+                            let sum = (0..depth).fold(first, |sum, p| {
+                                let (one, other) = (left[row * depth + p], right[p * columns + column]);
+                                match rounding {
+                                    Rounding::Fused => libm::fmaf(one, other, sum),
+                                    Rounding::Each => sum + one * other,
+                                }
+                            });
+                            sum.max(0.0)
+                        })
+                        .collect();
+                    for (transposed, vectors) in [(false, false), (false, true), (true, false), (true, true)]
+                    {
                         let mut result = before.clone();
                         let factor = |plain, turned| {
                             if transposed {
@@ -388,6 +418,7 @@ mod tests {
                             columns,
                             start,
                             rectify: true,
+                            rounding,
                             result: &mut result,
                             scratch: &mut Scratch::default(),
                         };
@@ -398,7 +429,7 @@ mod tests {
                         }
                         assert!(
                             result == expected,
-                            "{rows} x {depth} x {columns}, transposed: {transposed}, vectors: {vectors}"
+                            "{rows} x {depth} x {columns}, {rounding:?}, transposed: {transposed}, vectors: {vectors}"
                         );
                     }
                 }
