@@ -95,7 +95,9 @@ fn a_run_without_json_writes_figures_and_data() {
     let out = folder.path().to_str().unwrap();
     let output = host_sim(
         &[
-            &["--out", out, "--policy", "actor", "--policy", "central"],
+            &[
+                "--out", out, "--policy", "actor", "--policy", "central", "--policy", "clock",
+            ],
             &SMALL[..],
         ]
         .concat(),
@@ -121,6 +123,31 @@ fn a_run_without_json_writes_figures_and_data() {
             "{file}"
         );
     }
+    // What a reader asked: whose line is that, what is that column, what lies below the name on the map.
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
+    let report = read("report.html");
+    assert_eq!(report.matches("The lines of actor and clock coincide").count(), 2);
+    for explained in [
+        "<p>99 % within: ",
+        "<p>First 100: ",
+        ">uniform V/C</th>",
+        ">per-road V/C</th>",
+    ] {
+        assert_eq!(report.matches(explained).count(), 1, "{explained}");
+    }
+    let map = read("age_map.svg");
+    let left = |label: &str| -> f64 {
+        let text = map.split("<text").find(|text| text.contains(label)).unwrap();
+        text.split(" x=\"")
+            .nth(1)
+            .unwrap()
+            .split('"')
+            .next()
+            .unwrap()
+            .parse()
+            .unwrap()
+    };
+    assert!(left("base station") > left("mean age (ms)"));
 }
 
 #[test]

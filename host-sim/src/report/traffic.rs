@@ -22,9 +22,9 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {
     let columns = [
         Column::text("policy"),
         Column::number("mean age", "ms", 2),
-        Column::number("V/C", "uniform", 4),
+        Column::number("uniform V/C", "", 4),
         Column::number("link time", "uniform, s", 3),
-        Column::number("V/C", "per road", 3),
+        Column::number("per-road V/C", "", 3),
         Column::number("trip time", "per road, s", 2),
         Column::number("if informed", "per road, s", 2),
     ];

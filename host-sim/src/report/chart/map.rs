@@ -47,7 +47,7 @@ pub struct MapChart {
     pub ground_m: (f64, f64),
     /// `[row][column]`, rows from y = 0 up, columns from x = 0 on; `None` where nothing was measured.
     pub values: Vec<Vec<Option<f64>>>,
-    /// A marked place with its name: x and y in metres.
+    /// A marked place with its name, which stands beside the map: x and y in metres.
     pub mark: Option<(f64, f64, String)>,
 }
 
@@ -104,12 +104,6 @@ impl MapChart {
                     }
                 }
             }
-            if let Some((x, y, name)) = &self.mark {
-                let at = (plot.x(x / ground_x), plot.y(y / ground_y));
-                canvas.disc(at, 6.5, INK)?;
-                canvas.disc(at, 4.0, COLOURS[8])?;
-                canvas.text(name, (at.0 + 12.0, at.1), Type::LABEL, Anchor::Left)?;
-            }
             let bar = Plot {
                 left: plot.right + BAR_GAP_PX,
                 right: plot.right + BAR_GAP_PX + BAR_PX,
@@ -134,12 +128,20 @@ impl MapChart {
                 }
             }
             let quantity = Type::LABEL.wrap(&self.quantity, WIDTH_PX - RIM_PX - bar.left);
-            canvas.lines(
-                &quantity,
-                (bar.left, plot.bottom + 20.0),
-                Type::LABEL,
-                Anchor::Left,
-            )
+            let below = plot.bottom + 20.0;
+            canvas.lines(&quantity, (bar.left, below), Type::LABEL, Anchor::Left)?;
+            let Some((x, y, name)) = &self.mark else {
+                return Ok(());
+            };
+            let legend = (
+                (bar.left + bar.right) / 2.0,
+                below + quantity.len() as f64 * LABEL_PX * LINE_HEIGHT,
+            );
+            for at in [(plot.x(x / ground_x), plot.y(y / ground_y)), legend] {
+                canvas.disc(at, 6.5, INK)?;
+                canvas.disc(at, 4.0, COLOURS[8])?;
+            }
+            canvas.text(name, (bar.right + 9.0, legend.1), Type::LABEL, Anchor::Left)
         })
     }
 }
