@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work. Every one ends the program with exit code 2, [`Error::Unreached`] with 1.
+/// Why a command could not do its work. Every one ends the program with exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -29,9 +29,6 @@ pub enum Error {
         /// What the system says.
         source: std::io::Error,
     },
-    /// Results that are there, but not as good as was asked for: what was, and what came of it.
-    #[error("{}", one_line(_0))]
-    Unreached(String),
 }
 
 impl Error {
@@ -44,7 +41,7 @@ impl Error {
         }
     }
 
-    /// The same, with what holds its place named before it. The others are whole already.
+    /// The same, with what holds its place named before it. A file's path is whole already.
     pub fn within(self, outer: impl std::fmt::Display) -> Self {
         match self {
             Self::Input {
@@ -52,7 +49,7 @@ impl Error {
                 found,
                 expected,
             } => Self::input(format!("{outer}: {place}"), found, expected),
-            whole @ (Self::File { .. } | Self::Unreached(_)) => whole,
+            file @ Self::File { .. } => file,
         }
     }
 

@@ -272,7 +272,7 @@ fn bad_scenarios_are_one_line_each() {
 }
 
 #[test]
-fn an_assignment_above_its_gap_ends_with_exit_code_1_after_its_results() {
+fn an_assignment_above_its_gap_says_so_beside_its_results() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("flows.csv");
     let flows = file.to_str().unwrap();
@@ -293,8 +293,8 @@ fn an_assignment_above_its_gap_ends_with_exit_code_1_after_its_results() {
         let solve = |form: &[&str]| {
             let output = host_sim(&[&problem, &limit[..], form].concat());
             let message = String::from_utf8(output.stderr).unwrap();
-            assert_eq!(output.status.code(), Some(1), "{message}");
-            assert!(message.starts_with(&format!("error: {why}")), "{message}");
+            assert!(output.status.success(), "{message}");
+            assert!(message.starts_with(why), "{message}");
             assert!(message.ends_with(" iterations, 0e0 was asked for\n"), "{message}");
             assert_eq!(std::fs::read_to_string(flows).unwrap().lines().count(), 77);
             std::fs::remove_file(flows).unwrap();

@@ -12,7 +12,7 @@ pub mod run;
 pub mod scenario;
 pub mod sweep;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::say;
 use clap::error::ErrorKind;
 use std::process::ExitCode;
@@ -59,17 +59,13 @@ pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -
     Ok(())
 }
 
-/// Ends a command: an error becomes one line on stderr and exit code 2, or 1 where results are there all the same.
+/// Ends a command: an error becomes one line on stderr and exit code 2.
 pub fn finish(outcome: Result<()>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
-            ExitCode::from(if matches!(error, Error::Unreached(_)) {
-                1
-            } else {
-                2
-            })
+            ExitCode::from(2)
         }
     }
 }

@@ -68,6 +68,7 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
         _ => {}
     }
     options.policy.push(PolicyName::Actor);
+    options.check_typed()?;
     let prepared = options.prepare()?;
     let pool = thread_pool(options.threads)?;
     let results = pool.install(|| prepared.results(options.json))?;

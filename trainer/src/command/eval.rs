@@ -181,6 +181,7 @@ impl TrainedActors {
 /// The first input that does not fit.
 pub fn run(arguments: &EvalArguments) -> Result<()> {
     let mut options = arguments.options.clone();
+    options.check_typed()?;
     let pool = thread_pool(options.threads)?;
     let Some(folder) = &arguments.run else {
         let prepared = options.prepare()?;

@@ -9,9 +9,8 @@ use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Maddpg;
 use crate::ppo::{self, PpoLearner};
 use host_sim::error::{Error, Result};
-use host_sim::scenario::layers::{lay_over, overlay, parse, siblings};
+use host_sim::scenario::layers::{lay_over, overlay, parse, siblings, typed};
 use host_sim::scenario::{self, Scenario};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use toml::{Table, Value};
@@ -119,9 +118,9 @@ impl Algorithm {
     /// Reads the section of the algorithm of this name.
     fn read(name: &str, section: Value) -> Result<Self> {
         match name {
-            "evolution" => Ok(Self::Evolution(parameters(name, section)?)),
-            "maddpg" => Ok(Self::Maddpg(parameters(name, section)?)),
-            "ppo" => Ok(Self::Ppo(parameters(name, section)?)),
+            "evolution" => Ok(Self::Evolution(typed(name, section)?)),
+            "maddpg" => Ok(Self::Maddpg(typed(name, section)?)),
+            "ppo" => Ok(Self::Ppo(typed(name, section)?)),
             other => Err(Error::input("algorithm", other, "evolution, maddpg or ppo")),
         }
     }
@@ -134,13 +133,6 @@ impl Algorithm {
             Self::Ppo(recipe) => recipe.check(scenario),
         }
     }
-}
-
-/// A section as an algorithm's parameters.
-fn parameters<T: DeserializeOwned>(name: &str, section: Value) -> Result<T> {
-    section
-        .try_into()
-        .map_err(|error: toml::de::Error| Error::input(name, error.message(), "the keys of the preset"))
 }
 
 impl ConfigurationSource {
@@ -165,7 +157,7 @@ impl ConfigurationSource {
             ));
         }
         let values = take("scenario");
-        let scenario: Scenario = parameters("scenario", values.clone())?;
+        let scenario: Scenario = typed("scenario", values.clone())?;
         if let Value::Table(values) = &values {
             scenario.check(values)?;
         }
