@@ -176,6 +176,7 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
 }
 
 /// `[depth, columns]` as strips of `width` columns, each `[depth, width]`. Columns beyond the matrix stay as they are.
+#[inline(always)]
 fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, strips: &mut Vec<f32>) {
     strips.resize(columns.div_ceil(width) * depth * width, 0.0);
     let strips = strips.chunks_exact_mut(depth * width);
@@ -195,15 +196,29 @@ fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, st
 }
 
 /// Writes `[rows][columns]` as `[columns][rows]` into lines of this length, in blocks of a cache line.
+#[inline(always)]
 pub fn transpose(values: &[f32], columns: usize, result: &mut [f32], length: usize) {
     const BLOCK: usize = 16;
     let rows = values.len() / columns;
-    for row_block in (0..rows).step_by(BLOCK) {
-        for column_block in (0..columns).step_by(BLOCK) {
-            for column in column_block..columns.min(column_block + BLOCK) {
-                let line = &mut result[column * length..][..rows];
-                for row in row_block..rows.min(row_block + BLOCK) {
-                    line[row] = values[row * columns + column];
+    for row in (0..rows).step_by(BLOCK) {
+        for column in (0..columns).step_by(BLOCK) {
+            if row + BLOCK <= rows && column + BLOCK <= columns {
+                let mut block = [[0.0_f32; BLOCK]; BLOCK];
+                for (index, line) in block.iter_mut().enumerate() {
+                    line.copy_from_slice(&values[(row + index) * columns + column..][..BLOCK]);
+                }
+                for index in 0..BLOCK {
+                    let line = &mut result[(column + index) * length + row..][..BLOCK];
+                    for (value, source) in line.iter_mut().zip(&block) {
+                        *value = source[index];
+                    }
+                }
+            } else {
+                for column in column..columns.min(column + BLOCK) {
+                    let line = &mut result[column * length..][..rows];
+                    for row in row..rows.min(row + BLOCK) {
+                        line[row] = values[row * columns + column];
+                    }
                 }
             }
         }
