@@ -57,7 +57,7 @@ pub struct FloatActors<'a> {
     setting: Setting,
     /// Of exploration, one a world; without them every decision is greedy.
     explore: Vec<Stream>,
-    /// Worlds that measured, what they did, and their inputs side by side.
+    /// A vehicle's measurements with their worlds, and the inputs made of them, one after the other.
     measured: Vec<(usize, Measurement)>,
     inputs: Vec<f32>,
     batch: Batch,
