@@ -5,7 +5,7 @@
 
 use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
 use super::critic::{CriticPass, View};
-use super::group::{Role, Rows};
+use super::group::{Group, Role, Rows};
 use super::learner::MaddpgLearner;
 use super::optimiser::{Learned, Step, clip};
 use super::options::{GlobalWeight, GradientForm};
@@ -295,18 +295,16 @@ impl MaddpgLearner {
         global_weight: f32,
     ) -> Vec<f32> {
         let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
-        let mut global = || critic.action_slopes(first, view, actions, pass);
-        if self.set.is_choice() {
-            let mut slopes = global();
-            slopes.iter_mut().for_each(|slope| *slope *= global_weight);
-            self.add_local_values(&mut slopes, known);
-            return slopes;
-        }
-        let (length, critics) = (self.set.length(), &mut self.local_critics);
+        let (set, critics) = (self.set, &mut self.local_critics);
+        let global = || critic.action_slopes(first, view, actions, pass);
         let local = || {
             critics.as_mut().map(|critics| {
-                critics.forward(Role::Learner, &[known, Rows::all(actions, length)]);
-                critics.input_slopes(&vec![1.0; actions.len() / length], known.width, length)
+                if set.is_choice() {
+                    return local_values(critics, known);
+                }
+                critics.forward(Role::Learner, &[known, Rows::all(actions, set.length())]);
+                let ones = vec![1.0; actions.len() / set.length()];
+                critics.input_slopes(&ones, known.width, set.length())
             })
         };
         let (mut slopes, along) = rayon::join(global, local);
@@ -320,12 +318,17 @@ impl MaddpgLearner {
     /// Adds each choice's value to its own vehicle.
     fn add_local_values(&mut self, gains: &mut [f32], known: Rows<'_>) {
         if let Some(critics) = &mut self.local_critics {
-            critics.forward(Role::Learner, &[known]);
-            for (gain, value) in gains.iter_mut().zip(critics.outputs()) {
+            for (gain, value) in gains.iter_mut().zip(local_values(critics, known)) {
                 *gain += self.options.local_weight * value;
             }
         }
     }
+}
+
+/// What the local critics think of every choice, `[sample][vehicle][choice]`.
+fn local_values(critics: &mut Group, known: Rows<'_>) -> Vec<f32> {
+    critics.forward(Role::Learner, &[known]);
+    critics.outputs()
 }
 
 /// Mean own reward of the vehicles of the cell, or for each sub-channel of its vehicles, counted so that the mean over
