@@ -82,7 +82,7 @@ impl<'a> FloatActors<'a> {
             measured: Vec::new(),
             inputs: Vec::new(),
             batch: Batch::default(),
-            outputs: vec![0.0; actors.form.output.length()],
+            outputs: Vec::new(),
             quantised: tables.iter().cloned().map(Actor::new).collect(),
             agreement,
         }
@@ -128,9 +128,8 @@ impl Policy for FloatActors<'_> {
             let network = self.actors.network(vehicle);
             let columns = network.forward_batch(&self.inputs, &mut self.batch);
             for (sample, (world, measurement)) in self.measured.iter().enumerate() {
-                for (output, line) in self.outputs.iter_mut().zip(columns.chunks_exact(samples)) {
-                    *output = line[sample];
-                }
+                self.outputs.clear();
+                self.outputs.extend(columns.iter().skip(sample).step_by(samples));
                 let explore = self.explore.get_mut(*world);
                 let decision = form
                     .output

@@ -161,8 +161,10 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
                 } else {
                     // A tile that stands out over the edge is computed beside the result.
                     let place = |index: usize| index * columns + first_column..(index + 1) * columns;
-                    for (index, edge) in edge.chunks_exact_mut(width).take(tile_rows).enumerate() {
-                        edge[..used].copy_from_slice(&result[place(index)]);
+                    if let Start::Add = tile.start {
+                        for (index, edge) in edge.chunks_exact_mut(width).take(tile_rows).enumerate() {
+                            edge[..used].copy_from_slice(&result[place(index)]);
+                        }
                     }
                     tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, edge, width);
                     for (index, edge) in edge.chunks_exact(width).take(tile_rows).enumerate() {
