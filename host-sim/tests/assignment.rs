@@ -946,6 +946,17 @@ fn the_command_writes_flows_that_it_accepts_again() {
     assert_eq!(text.lines().count(), 77);
     assert!(text.starts_with("init_node,term_node,volume,cost\n1,2,"));
     assign_command(&[&problem[..], &["--check", flows]].concat()).unwrap();
+    // Too few iterations for the gap are no failure, and the flows are there.
+    std::fs::remove_file(flows).unwrap();
+    assign_command(
+        &[
+            &problem[..],
+            &["--flows", flows, "--algorithm", "fw", "--max-iterations", "2"],
+        ]
+        .concat(),
+    )
+    .unwrap();
+    assert!(std::fs::exists(flows).unwrap());
 }
 
 // Any network.
