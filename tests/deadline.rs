@@ -4,6 +4,8 @@
 //! CHANGELOG.md.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+use firmware::table::Table;
+use firmware::tables::DISTILLED;
 use host_sim::command::deadline::as_json;
 use host_sim::deadline::image::{Images, check_measuring, footprint};
 use host_sim::deadline::{Extent, report};
@@ -33,7 +35,8 @@ const PINNED: [(&str, u64, u64); 9] = [
 #[test]
 fn a_slot_costs_what_is_claimed() {
     let images = Images::build().unwrap_or_else(|error| panic!("{error}"));
-    let report = report(&images, &EXTENT).unwrap_or_else(|error| panic!("{error}"));
+    let table = Table::parse(DISTILLED).unwrap();
+    let report = report(&images, &EXTENT, &table).unwrap_or_else(|error| panic!("{error}"));
     let json = as_json(&report, &EXTENT);
     for network in [&report.actor, &report.small, &report.paper] {
         let kernel = network.counts.kernel;

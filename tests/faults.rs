@@ -181,8 +181,8 @@ fn a_signed_table_in_flash_runs_and_a_damaged_one_does_not() {
     let mut rng = Pcg64Mcg::new(4);
     let differs = (0..200).any(|slot| {
         let observation = firmware::observation::Observation::new(&random_measurement(&mut rng, slot));
-        let act = |table| Actor::new(Table::parse(table).unwrap()).act(&observation);
-        act(&other) != act(DISTILLED)
+        let decide = |table| Actor::new(Table::parse(table).unwrap()).decide(&observation);
+        decide(&other) != decide(DISTILLED)
     });
     assert!(differs);
 
@@ -200,6 +200,18 @@ fn a_signed_table_in_flash_runs_and_a_damaged_one_does_not() {
     drop(runs([&foreign, &new], directory, &other));
     // Signatures are checked while the unit is built: the deepest that the stack gets.
     runs([&foreign, &damaged], directory, DISTILLED).assert_stack_is_within_budget();
+}
+
+#[test]
+fn tables_of_every_form_decide_as_the_library_does() {
+    let directory = tempfile::tempdir().unwrap();
+    let empty = vec![0xff; 16 << 10];
+    let outputs = (0..4).map(|output| (2, output));
+    for (observation, output) in outputs.chain([(1, 0), (1, 3)]) {
+        let table = Contents::in_form(12, observation, output).bytes();
+        let signed = slot(&package(&table, 2, &TEST_SECRET));
+        drop(runs([&signed, &empty], directory.path(), &table));
+    }
 }
 
 /// QEMU has no flash controller, so an update gets as far as the first write that must be read back. On the host the same code

@@ -2,12 +2,12 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::actor::{DenseLayer, MAX_OUTPUTS, Network, QUAD_ROWS, Scratch};
-use firmware::table::{CHECKSUM, HEADER_LEN, Table};
+use firmware::table::{CHECKSUM, Table};
 use firmware::tables::DISTILLED;
 use host_sim::deadline::cycles::kernel_cost;
 use host_sim::deadline::image::Images;
 use host_sim::deadline::network::PackedNetwork;
-use host_sim::deadline::{NetworkCounts, Subject, fold, measure};
+use host_sim::deadline::{NetworkCounts, Subject, fold, measure_networks, measure_slots};
 use rand_core::Rng;
 use rand_pcg::{Pcg32, Pcg64Mcg};
 use std::collections::BTreeMap;
@@ -163,8 +163,8 @@ fn wild(seed: u64, widths: &[usize]) -> Contents {
 }
 
 /// The measuring image's inputs: extremes now and then, else any values.
-fn random_input<const INPUTS: usize>(rng: &mut Pcg32, index: u32) -> [i8; INPUTS] {
-    std::array::from_fn(|_| {
+fn random_input(rng: &mut Pcg32, index: u32, length: usize) -> Vec<i8> {
+    let value = |_| {
         let random = rng.next_u32().to_le_bytes()[3].cast_signed();
         match index % 16 {
             0 => i8::MIN,
@@ -174,7 +174,8 @@ fn random_input<const INPUTS: usize>(rng: &mut Pcg32, index: u32) -> [i8; INPUTS
             3 => i8::MAX,
             _ => random,
         }
-    })
+    };
+    (0..length).map(value).collect()
 }
 
 /// Calls `each` with every random input's outputs by the specification, and the input.
@@ -185,18 +186,11 @@ fn specification(
     mut each: impl FnMut(&[i8], [i32; MAX_OUTPUTS]),
 ) {
     let mut scratch = Scratch::new();
-    macro_rules! for_inputs {
-        ($($inputs:literal)*) => {
-            match network.layers().next().unwrap().inputs_len() {
-                $($inputs => (0..count).for_each(|index| {
-                    let input = random_input::<$inputs>(&mut rng, index);
-                    each(&input, network.infer_portably(&mut scratch, &input));
-                }),)*
-                other => panic!("the measuring image takes no {other} inputs"),
-            }
-        };
+    let inputs = network.widths().next().unwrap();
+    for index in 0..count {
+        let input = random_input(&mut rng, index, inputs);
+        each(&input, network.infer_portably(&mut scratch, &input));
     }
-    for_inputs!(1 3 7 8 13 20 65);
 }
 
 #[test]
@@ -283,13 +277,7 @@ fn the_kernel_in_qemu_gives_the_specifications_bits_in_constant_instructions() {
     const SEED: u64 = 77;
     let table = Table::parse(DISTILLED).unwrap();
     let shipped = Subject {
-        network: PackedNetwork {
-            widths: [table.network().layers().next().unwrap().inputs_len()]
-                .into_iter()
-                .chain(table.network().layers().map(DenseLayer::outputs_len))
-                .collect(),
-            bytes: DISTILLED[HEADER_LEN..DISTILLED.len() - 4].to_vec(),
-        },
+        network: PackedNetwork::of_table(&table),
         inputs: 4_000,
         misalignment: 0,
     };
@@ -306,7 +294,7 @@ fn the_kernel_in_qemu_gives_the_specifications_bits_in_constant_instructions() {
     }
 
     let images = Images::build().unwrap_or_else(|error| panic!("{error}"));
-    let (counts, _) = measure(&images, SEED, 0, &subjects).unwrap_or_else(|error| panic!("{error}"));
+    let counts = measure_networks(&images, SEED, &subjects).unwrap_or_else(|error| panic!("{error}"));
     let mut around = BTreeMap::new();
     let mut compared = 0;
     for (index, (subject, counts)) in (0..).zip(subjects.iter().zip(&counts)) {
@@ -347,4 +335,23 @@ fn the_kernel_in_qemu_gives_the_specifications_bits_in_constant_instructions() {
         subjects.len()
     );
     assert!(compared >= 20_000);
+}
+
+#[test]
+fn every_form_takes_constant_instructions() {
+    let images = Images::build().unwrap_or_else(|error| panic!("{error}"));
+    for (observation, output) in [(0, 0), (0, 1), (1, 2), (2, 3)] {
+        let bytes = Contents::in_form(3, observation, output).bytes();
+        let table = Table::parse(&bytes).unwrap();
+        let stages = measure_slots(&images, 5, 4_000, &table).unwrap_or_else(|error| panic!("{error}"));
+        for name in ["infer", "decide"] {
+            let stage = stages.iter().find(|stage| stage.name == name).unwrap();
+            println!(
+                "{:?}, {:?}: {stage:?}",
+                table.observation_form(),
+                table.output_form()
+            );
+            assert_eq!(stage.range.min, stage.range.max, "{stage:?}");
+        }
+    }
 }

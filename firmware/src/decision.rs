@@ -1,13 +1,16 @@
 //! From the network's output to a sub-channel and a power. Total: every output gives a legal decision.
 
 use crate::observation::Observation;
-use crate::units::{Dbm, Level, SubChannel};
+use crate::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
 
 /// Number of joiner levels.
 pub const JOINER_LEVELS: usize = 4;
 
 /// Number of actions, and of the network's outputs.
 pub const ACTIONS: usize = 2 + JOINER_LEVELS;
+
+/// Number of choices of a vehicle that may send on any sub-channel ([`PowerPlan::sub_channel_choice`]).
+pub const SUB_CHANNEL_CHOICES: usize = 1 + 2 * SUB_CHANNELS;
 
 /// What a vehicle may do in a slot; the index is the network's output row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +92,26 @@ impl PowerPlan {
         let aim = aims.get(action as usize).copied().unwrap_or(Level::MAX);
         let transmit = self.received_at(aim, observation.home(), observation.home_gain());
         if action == Action::Silent {
+            Decision::Silent
+        } else {
+            transmit
+        }
+    }
+
+    /// The decision of a vehicle that may send on any sub-channel: 0 is silence, 1 to 3 full power on home and the sub-channels
+    /// after it, 4 to 6 the first joiner level there. What is larger is silence.
+    pub fn sub_channel_choice(&self, choice: usize, observation: &Observation) -> Decision {
+        let [first, ..] = self.joiner_levels;
+        let sending = choice.wrapping_sub(1);
+        let (offset, aim) = if sending < SUB_CHANNELS {
+            (sending, Level::MAX)
+        } else {
+            (sending.wrapping_sub(SUB_CHANNELS), first)
+        };
+        let gain = observation.gain().get(offset).copied();
+        let sub_channel = observation.home().after(offset);
+        let transmit = self.received_at(aim, sub_channel, gain.unwrap_or(Level::MIN));
+        if choice == 0 || choice >= SUB_CHANNEL_CHOICES {
             Decision::Silent
         } else {
             transmit

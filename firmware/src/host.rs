@@ -29,8 +29,7 @@ pub fn describe_built_in_table() -> ExitCode {
 
 fn description(table: &Table<'_>) -> String {
     let layers = || table.hidden_layers().iter().chain([table.output_layer()]);
-    let mut widths: Vec<usize> = layers().map(|layer| layer.inputs_len()).collect();
-    widths.push(table.output_layer().outputs_len());
+    let widths: Vec<usize> = table.network().widths().collect();
     let geometry = widths.iter().map(usize::to_string).collect::<Vec<_>>().join("-");
     let products: usize = layers()
         .map(|layer| layer.inputs_len() * layer.outputs_len())
@@ -66,6 +65,8 @@ fn description(table: &Table<'_>) -> String {
     format!(
         "geometry            {geometry} ({products} multiplications)\n\
          size                {size} bytes, CRC-32 {checksum:#010x}\n\
+         observation         {observation:?}\n\
+         outputs             {outputs:?}\n\
          trained for         up to {vehicles} vehicles\n\
          training seed       {seed}\n\
          source revision     {revision}{modified}\n\
@@ -74,6 +75,8 @@ fn description(table: &Table<'_>) -> String {
          full power          {power} dBm\n\
          joiner levels       {levels} dB over noise\n",
         size = table.bytes().len(),
+        observation = table.observation_form(),
+        outputs = table.output_form(),
         vehicles = table.max_vehicles(),
         seed = provenance.seed,
         sinr = table.required_sinr(),

@@ -12,7 +12,8 @@
 //! * [`measurement`]: what the modem hands over in a slot, validated once.
 //! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there.
 //! * [`actor`]: dense int8 layers with an exact integer specification.
-//! * [`decision`]: network output to sub-channel and power; total.
+//! * [`decision`]: actions and choices as sub-channel and power; total.
+//! * [`form`]: what a table's network sees and what its outputs mean.
 //! * [`table`]: the weight-table format, read in place. [`tables`]: the tables built into the image.
 //! * [`mod@unit`]: the state machine over slots, with its fallback when a measurement is missing.
 //! * [`link`]: frames between modem and unit.
@@ -43,6 +44,7 @@ mod fmt;
 
 pub mod actor;
 pub mod decision;
+pub mod form;
 pub mod link;
 pub mod measurement;
 pub mod observation;

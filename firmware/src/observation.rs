@@ -1,6 +1,7 @@
 //! A measurement as the actor sees it: home sub-channel first, and encoded as int8. All normalisation lives here, so
 //! training, simulation and deployment cannot differ in it.
 
+use crate::form::{ONE_HOT_AGES, ONE_HOT_INPUTS, PAPER_INPUTS, UNIFORM_ONE};
 use crate::measurement::Measurement;
 use crate::reciprocal::{reciprocal, remainder};
 use crate::units::{Age, JoinerProbability, Level, Period, SUB_CHANNELS, SubChannel};
@@ -40,8 +41,8 @@ impl Observation {
             home: broadcast.home,
             period: broadcast.period,
             joiner_probability: broadcast.joiner_probability,
-            gain: home_first(measurement.gain(), broadcast.home),
-            interference: home_first(measurement.interference(), broadcast.home),
+            gain: rotated(measurement.gain(), broadcast.home.index()),
+            interference: rotated(measurement.interference(), broadcast.home.index()),
         }
     }
 
@@ -156,6 +157,62 @@ impl Observation {
         ]
     }
 
+    /// The input of an actor that is to find a phase by itself.
+    ///
+    /// # Shape
+    ///
+    /// | index | input |
+    /// |---|---|
+    /// | 0-50 | flags: the age is 1, 2, ... 50, at least 51 |
+    /// | 51-56 | 5-10 of [`Observation::encode`]: gains and their flags |
+    /// | 57-59 | 17-19 of it: interference |
+    /// | 60 | private uniform, [`UNIFORM_ONE`] for 1 |
+    pub fn encode_age_one_hot(&self, required_sinr: Level) -> [i8; ONE_HOT_INPUTS] {
+        let age = usize::from(self.age.slots()).min(ONE_HOT_AGES);
+        let uniform = self
+            .private_uniform()
+            .wrapping_mul(u32::from(UNIFORM_ONE.unsigned_abs()));
+        let encoded = self.encode(required_sinr);
+        let levels = encoded.iter().skip(5).take(6).chain(encoded.iter().skip(17));
+        let rest = levels.copied().chain([saturate((uniform >> 16) as i32)]);
+        let mut inputs = [0; ONE_HOT_INPUTS];
+        let (ages, others) = inputs.split_at_mut(ONE_HOT_AGES);
+        for (slots, input) in (1..).zip(ages) {
+            *input = flag(slots == age);
+        }
+        for (input, value) in others.iter_mut().zip(rest) {
+            *input = value;
+        }
+        inputs
+    }
+
+    /// The paper's state, rounded to the nearest code, in the cell's order of sub-channels.
+    ///
+    /// # Shape
+    ///
+    /// | index | input |
+    /// |---|---|
+    /// | 0-2 | (gain in dB - 35) / 20 |
+    /// | 3-5 | interference in 40 dB |
+    /// | 6 | age, one code a slot |
+    pub fn encode_paper(&self) -> [i8; PAPER_INPUTS] {
+        let back = SUB_CHANNELS.saturating_sub(self.home.index());
+        let [gain_0, gain_1, gain_2] = rotated(&self.gain, back);
+        let [interference_0, interference_1, interference_2] = rotated(&self.interference, back);
+        // Half a code more, then rounded down: 64 / 20 codes a dB for gains, 64 / 40 for interference.
+        let gain = |level: Level| gain_code(level.saturating_add(HALF_A_GAIN_CODE));
+        let interference = |level: Level| interference_code(level.saturating_add(HALF_AN_INTERFERENCE_CODE));
+        [
+            gain(gain_0),
+            gain(gain_1),
+            gain(gain_2),
+            interference(interference_0),
+            interference(interference_1),
+            interference(interference_2),
+            saturate(i32::from(self.age.slots())),
+        ]
+    }
+
     fn age_in_five_periods(&self) -> i8 {
         let periods = u32::from(self.age.slots()).wrapping_mul(reciprocal(u16::from(self.period.slots()))); // in 1/65536
         // 64 / 5 = 12.8 = 819 / 64
@@ -174,12 +231,13 @@ pub fn turn_lost_after(period: Period) -> u8 {
     period.slots().saturating_mul(7).clamp(50, 98)
 }
 
-/// Rotates by indexing, not by cases: the same instructions for every home.
-fn home_first(values: &[Level; SUB_CHANNELS], home: SubChannel) -> [Level; SUB_CHANNELS] {
+/// The values from the one at `first`, at most [`SUB_CHANNELS`], around the end. By indexing, not by cases: the same
+/// instructions for every home.
+fn rotated(values: &[Level; SUB_CHANNELS], first: usize) -> [Level; SUB_CHANNELS] {
     let [a, b, c] = *values;
-    let twice = [a, b, c, a, b];
+    let twice = [a, b, c, a, b, c];
     core::array::from_fn(|offset| {
-        let place = home.index().saturating_add(offset);
+        let place = first.saturating_add(offset);
         twice.get(place).copied().unwrap_or(a)
     })
 }
@@ -205,6 +263,10 @@ fn gain_code(gain: Level) -> i8 {
 fn interference_code(interference: Level) -> i8 {
     saturate(i32::from(interference.to_bits()).wrapping_mul(410) >> 16)
 }
+
+/// 10 / 64 dB and 20 / 64 dB.
+const HALF_A_GAIN_CODE: Level = Level::lit("0.15625");
+const HALF_AN_INTERFERENCE_CODE: Level = Level::lit("0.3125");
 
 /// Spacing of [`SHARE`] in 1/256 dB, as a power of two: 0.5 dB.
 const SHARE_STEP_BITS: u32 = 7;

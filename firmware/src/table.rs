@@ -15,7 +15,8 @@
 //! | 14 | i16 | required SINR in 1/256 dB |
 //! | 16 | i16 | full power in 1/256 dBm |
 //! | 18 | 4 x i16 | joiner levels in 1/256 dB over noise |
-//! | 26 | u16 | 0 |
+//! | 26 | u8 | what the network sees: code of an [`ObservationForm`] |
+//! | 27 | u8 | what its outputs mean: code of an [`OutputForm`] |
 //! | 28 | 5 x u16 | widths: inputs, then each layer's outputs; unused ones 0 |
 //! | 38 | u8 | 1 if the sources had uncommitted changes, else 0 |
 //! | 39 | u8 | 0 |
@@ -25,7 +26,8 @@
 //! | 88 | layers | each: an i32 bias for every row of the stream, then the stream |
 //! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
 //!
-//! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`]).
+//! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`]). But what
+//! [`OutputForm::SubChannelAndPower`] makes of outputs needs their scale, so only 1/[`CONTINUOUS_ONE`] is accepted there.
 //!
 //! # Stream
 //! The weights lie in the order in which the Cortex-M4's kernel uses them (`actor/kernel.rs` explains why), and in no other
@@ -45,8 +47,8 @@
 //! does not fit.
 
 use crate::actor::{DenseLayer, MAX_WIDTH, Network};
-use crate::decision::{ACTIONS, JOINER_LEVELS, PowerPlan};
-use crate::observation::INPUTS;
+use crate::decision::{JOINER_LEVELS, PowerPlan};
+use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
 use crate::units::{Dbm, Level, SUB_CHANNELS};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -58,6 +60,9 @@ pub const VERSION: u16 = 2;
 pub const MAX_LAYERS: usize = 4;
 /// Bytes before the first layer.
 pub const HEADER_LEN: usize = 88;
+
+/// Scale of outputs of [`OutputForm::SubChannelAndPower`].
+const CONTINUOUS_SCALE: i32 = (1 << 24) / CONTINUOUS_ONE;
 
 /// The table's checksum.
 pub const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -164,6 +169,8 @@ impl core::error::Error for TableError {}
 pub struct Table<'t> {
     network: Network<'t>,
     scales: [u32; MAX_LAYERS + 1],
+    observation_form: ObservationForm,
+    output_form: OutputForm,
     max_vehicles: u16,
     required_sinr: Level,
     power_plan: PowerPlan,
@@ -222,7 +229,9 @@ impl<'t> Table<'t> {
         for level in &mut joiner_levels {
             *level = reader.level()?;
         }
-        expect("reserved", i32::from(reader.u16()?), 0)?;
+        let [observation_form, output_form] = reader.array()?;
+        let observation_form = form("observation form", &ObservationForm::ALL, observation_form)?;
+        let output_form = form("output form", &OutputForm::ALL, output_form)?;
         let mut widths = [0_usize; MAX_LAYERS + 1];
         for (index, width) in widths.iter_mut().enumerate() {
             *width = usize::from(reader.u16()?);
@@ -252,15 +261,21 @@ impl<'t> Table<'t> {
             .unwrap_or((&widths, &[]));
         let network = Network::parse(used, reader.rest)?;
         let [inputs, ..] = widths;
-        expect("inputs", inputs as i32, INPUTS as i32)?;
+        expect("inputs", inputs as i32, observation_form.inputs() as i32)?;
         expect(
             "outputs",
             network.output_layer().outputs_len() as i32,
-            ACTIONS as i32,
+            output_form.outputs() as i32,
         )?;
+        if output_form == OutputForm::SubChannelAndPower {
+            let scale = scales.get(usize::from(layers)).copied().unwrap_or(0);
+            expect("output scale", scale.cast_signed(), CONTINUOUS_SCALE)?;
+        }
         Ok(Self {
             network,
             scales,
+            observation_form,
+            output_form,
             max_vehicles,
             required_sinr,
             power_plan: PowerPlan {
@@ -306,6 +321,16 @@ impl<'t> Table<'t> {
         self.required_sinr
     }
 
+    /// What the network sees.
+    pub const fn observation_form(&self) -> ObservationForm {
+        self.observation_form
+    }
+
+    /// What the network's outputs mean.
+    pub const fn output_form(&self) -> OutputForm {
+        self.output_form
+    }
+
     /// How the network's actions become power.
     pub const fn power_plan(&self) -> &PowerPlan {
         &self.power_plan
@@ -331,6 +356,13 @@ impl TableError {
             expected,
         }
     }
+}
+
+/// The form with this code.
+fn form<T: Copy>(name: &'static str, all: &[T], code: u8) -> Result<T, TableError> {
+    let largest = all.len().saturating_sub(1) as i32;
+    let form = all.get(usize::from(code)).copied();
+    form.ok_or(TableError::field(name, i32::from(code), largest))
 }
 
 fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), TableError> {

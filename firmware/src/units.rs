@@ -49,6 +49,13 @@ impl SubChannel {
     pub const fn index(self) -> usize {
         self.0 as usize
     }
+
+    /// The sub-channel `offset` places on, around the end.
+    #[must_use]
+    pub const fn after(self, offset: usize) -> Self {
+        #[allow(clippy::cast_possible_truncation, reason = "below SUB_CHANNELS")]
+        Self((self.index().wrapping_add(offset) % SUB_CHANNELS) as u8)
+    }
 }
 
 /// Index of a 1 ms slot since the modem started. It wraps after 49.7 days; only differences mean anything.

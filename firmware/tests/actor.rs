@@ -47,7 +47,7 @@ fn agrees(contents: &Contents, inputs: &[[i8; INPUTS]]) {
     let mut actor = Actor::new(Table::parse(&bytes).unwrap());
     for input in inputs {
         let outputs = actor.infer(input).map(i128::from);
-        assert_eq!(outputs.as_slice(), reference(contents, input), "input {input:?}");
+        assert_eq!(outputs[..ACTIONS], reference(contents, input), "input {input:?}");
     }
 }
 

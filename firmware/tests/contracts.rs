@@ -6,6 +6,7 @@
 mod actor;
 mod decision;
 mod description;
+mod form;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;

@@ -84,7 +84,7 @@ fn widen(contents: &mut Contents, layer: usize, inputs: usize) {
 
 #[test]
 fn every_refusal_names_its_field() {
-    let cases: [(String, &str); 20] = [
+    let cases: [(String, &str); 23] = [
         (
             refusal(|c| c.magic = *b"GIRF"),
             "magic: found [47, 49, 52, 46], expected [46, 4c, 41, 54] (FLAT)",
@@ -102,8 +102,20 @@ fn every_refusal_names_its_field() {
             refusal(|c| c.widths[1] = 1025),
             "width: found 1025, expected 1024",
         ),
-        (refusal(|c| c.reserved.0 = 1), "reserved: found 1, expected 0"),
-        (refusal(|c| c.reserved.1 = 1), "reserved: found 1, expected 0"),
+        (
+            refusal(|c| c.forms[0] = 3),
+            "observation form: found 3, expected 2",
+        ),
+        (refusal(|c| c.forms[1] = 4), "output form: found 4, expected 3"),
+        (refusal(|c| c.forms[0] = 2), "inputs: found 20, expected 7"),
+        (
+            refusal(|c| {
+                *c = Contents::in_form(7, 2, 3);
+                c.scales[2] += 1;
+            }),
+            "output scale: found 65537, expected 65536",
+        ),
+        (refusal(|c| c.reserved = 1), "reserved: found 1, expected 0"),
         (refusal(|c| c.modified = 2), "modified: found 2, expected 1"),
         (
             refusal(|c| c.layers[1].biases[2] = (1 << 30) + 1),

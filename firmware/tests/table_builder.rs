@@ -33,8 +33,10 @@ pub struct Contents {
     pub max_power: i16,
     /// Joiner levels in 1/256 dB.
     pub joiner_levels: [i16; 4],
-    /// The two reserved fields.
-    pub reserved: (u16, u8),
+    /// Codes of what the network sees and of what its outputs mean.
+    pub forms: [u8; 2],
+    /// The reserved field.
+    pub reserved: u8,
     /// Widths as the header states them.
     pub widths: [u16; 5],
     /// Uncommitted changes.
@@ -76,7 +78,8 @@ impl Contents {
             required_sinr: 10 << 8,
             max_power: 23 << 8,
             joiner_levels: [12 << 8, 23 << 8, 34 << 8, 45 << 8],
-            reserved: (0, 0),
+            forms: [0; 2],
+            reserved: 0,
             widths: header_widths,
             modified: 0,
             seed,
@@ -86,6 +89,22 @@ impl Contents {
             padding: 0,
             start_error: 0,
         }
+    }
+
+    /// A random network of these forms' codes, with one hidden layer.
+    pub fn in_form(seed: u64, observation: u8, output: u8) -> Self {
+        let inputs = [20, 61, 7][usize::from(observation)];
+        let outputs = [6, 7, 7, 2][usize::from(output)];
+        let mut contents = Self::random(seed, &[inputs, 16, outputs]);
+        contents.forms = [observation, output];
+        if output == 3 {
+            // A real value of 1 is 256 steps: results spread over about 400.
+            contents.scales[2] = 1 << 16;
+            for multiplier in &mut contents.layers[1].multipliers {
+                *multiplier = multiplier.saturating_mul(4);
+            }
+        }
+        contents
     }
 
     /// The table's bytes, with a checksum that fits them.
@@ -99,9 +118,9 @@ impl Contents {
         bytes.extend(self.required_sinr.to_le_bytes());
         bytes.extend(self.max_power.to_le_bytes());
         bytes.extend(self.joiner_levels.iter().flat_map(|level| level.to_le_bytes()));
-        bytes.extend(self.reserved.0.to_le_bytes());
+        bytes.extend(self.forms);
         bytes.extend(self.widths.iter().flat_map(|width| width.to_le_bytes()));
-        bytes.extend([self.modified, self.reserved.1]);
+        bytes.extend([self.modified, self.reserved]);
         bytes.extend(self.seed.to_le_bytes());
         bytes.extend(self.revision);
         bytes.extend(self.scales.iter().flat_map(|scale| scale.to_le_bytes()));

@@ -116,10 +116,12 @@ impl FloatNetwork {
         check_range("max_vehicles", max_vehicles.into(), 1, 300)?;
         // What errors of quantising and packing say is whole.
         let refuse = |error: String| PyValueError::new_err(format!("network: {error}"));
-        let quantised =
-            quantise(&self.inner, input_rows(&calibration)?).map_err(|error| refuse(error.to_string()))?;
+        let quantised = quantise(&self.inner, input_rows(&calibration)?.as_flattened(), None)
+            .map_err(|error| refuse(error.to_string()))?;
         let scenario = &scenario.inner;
         let header = Header {
+            observation_form: ObservationForm::Firmware.in_table(),
+            output_form: OutputForm::Actions.in_table(),
             max_vehicles,
             required_sinr: scenario.radio.required_level(),
             power_plan: power_plan(scenario),

@@ -1,8 +1,9 @@
 //! Firmware tables: the shipped one, or one from a file; what they decide.
 
 use crate::error::{exception, in_c_order, value_error};
-use firmware::actor::Actor;
+use firmware::actor::{Actor, MAX_OUTPUTS};
 use firmware::decision::{ACTIONS, Action};
+use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
 use host_sim::command::options::{parse_table, table_bytes};
 use host_sim::report::files::write_whole;
@@ -86,9 +87,7 @@ impl Table {
     #[getter]
     fn widths(&self) -> PyResult<Vec<usize>> {
         let table = self.parse()?;
-        let inputs = table.network().layers().next().map(|layer| layer.inputs_len());
-        let outputs = table.network().layers().map(|layer| layer.outputs_len());
-        Ok(inputs.into_iter().chain(outputs).collect())
+        Ok(table.network().widths().collect())
     }
 
     /// The most vehicles in a cell that it serves.
@@ -119,7 +118,7 @@ impl Table {
     ///
     /// observations: int8 (..., 20), in C order. Returns int32 (..., 6) in the table's common output scale.
     ///
-    /// Raises TypeError for another type, ValueError for another shape or order.
+    /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn outputs<'py>(
         &self,
         py: Python<'py>,
@@ -135,7 +134,7 @@ impl Table {
     ///
     /// observations: int8 (..., 20), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
     ///
-    /// Raises TypeError for another type, ValueError for another shape or order.
+    /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn act<'py>(
         &self,
         py: Python<'py>,
@@ -165,8 +164,19 @@ impl Table {
         rows: &[[i8; INPUTS]],
         result: impl Fn([i32; ACTIONS]) -> T + Send + Sync,
     ) -> PyResult<Vec<T>> {
-        let mut actor = Actor::new(self.parse()?);
-        Ok(py.detach(|| rows.iter().map(|row| result(actor.infer(row))).collect()))
+        let table = self.parse()?;
+        let forms = (table.observation_form(), table.output_form());
+        let common = (ObservationForm::HomeFirst, OutputForm::Actions);
+        if forms != common {
+            let (found, expected) = (
+                format!("{forms:?}"),
+                format!("{common:?}, which observations here have"),
+            );
+            return Err(value_error("table", found, expected));
+        }
+        let mut actor = Actor::new(table);
+        let scores = |outputs: [i32; MAX_OUTPUTS]| std::array::from_fn(|action| outputs[action]);
+        Ok(py.detach(|| rows.iter().map(|row| result(scores(actor.infer(row)))).collect()))
     }
 }
 

@@ -4,11 +4,12 @@
 use crate::command::distil::provenance;
 use crate::evaluate::{Setting, watch_inputs};
 use crate::export::{Header, table_bytes};
-use crate::laboratory::actors::Actors;
-use crate::laboratory::forms::{ObservationForm, OutputForm};
+use crate::laboratory::actors::{ActorForm, Actors};
+use crate::laboratory::forms::OutputForm;
+use crate::network::Network;
 use crate::quantise::quantise;
 use crate::run_folder::RunIdentity;
-use firmware::observation::INPUTS;
+use firmware::form::CONTINUOUS_ONE;
 use host_sim::command::options::parse_table;
 use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
@@ -34,31 +35,36 @@ pub fn setting(scenario: &Scenario) -> Setting {
     }
 }
 
-/// Whether a table can hold such actors.
-///
-/// # Errors
-/// Names the form that it cannot.
-fn check_form(actors: &Actors) -> Result<()> {
-    let form = actors.form;
-    if form.observation != ObservationForm::Firmware || form.output != OutputForm::Actions {
-        return Err(Error::input(
-            "actor",
-            format!("observation {:?} and output {:?}", form.observation, form.output),
-            "observation Firmware and output Actions, which a table holds",
-        ));
+/// The network for a table: for inputs in its codes, whose unit is not every input's own, and without the score of a silence
+/// that its form never chooses, which may be far from all others.
+fn for_table(network: &Network, form: ActorForm) -> Network {
+    let mut network = network.clone();
+    if let Some(first) = network.layers.first_mut() {
+        let columns = first.weights.chunks_exact_mut(first.outputs);
+        for (input, column) in columns.enumerate() {
+            let unit = form.observation.at_code_one(input);
+            column.iter_mut().for_each(|weight| *weight *= unit);
+        }
     }
-    Ok(())
+    if form.output == (OutputForm::SubChannels { silence: false })
+        && let Some(last) = network.layers.last_mut()
+    {
+        let silence = last.weights.iter_mut().step_by(last.outputs);
+        silence
+            .chain(&mut last.biases[..1])
+            .for_each(|parameter| *parameter = 0.0);
+    }
+    network
 }
 
 /// Tables of all networks: one, or one for each vehicle.
 ///
 /// # Errors
-/// If the form, a layer or a width is none that a table can hold.
+/// If a layer or a width is none that a table can hold.
 pub fn actor_tables(identity: &RunIdentity, actors: &Actors) -> Result<Vec<Vec<u8>>> {
-    check_form(actors)?;
     let scenario = &identity.configuration.scenario;
     let setting = setting(scenario);
-    let watched: Vec<Vec<(usize, [i8; INPUTS])>> = (0..WORLDS)
+    let watched: Vec<Vec<(usize, Vec<i8>)>> = (0..WORLDS)
         .into_par_iter()
         .map(|world| {
             let mut scenario = scenario.clone();
@@ -70,26 +76,32 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors) -> Result<Vec<Vec<u
                 Environment::new(&scenario, source, identity.seed, Purpose::Training, worlds);
             let mut inputs = Vec::new();
             watch_inputs(&mut environment, actors, setting, SLOTS, |vehicle, input| {
-                inputs.push((vehicle, input))
+                inputs.push((vehicle, input.to_vec()))
             });
             inputs
         })
         .collect();
+    let (observation_form, output_form) = (actors.form.observation.in_table(), actors.form.output.in_table());
+    let output_step = matches!(actors.form.output, OutputForm::SubChannelAndPower { .. })
+        .then_some(1.0 / f64::from(CONTINUOUS_ONE));
     let header = Header {
+        observation_form,
+        output_form,
         max_vehicles: u16::try_from(actors.form.max_vehicles).unwrap_or(u16::MAX),
         required_sinr: setting.required_sinr,
         power_plan: setting.power_plan,
         provenance: provenance(identity.seed),
     };
-    let networks = actors.networks.iter().enumerate();
+    let networks = actors.networks.par_iter().enumerate();
     let tables = networks.map(|(vehicle, network)| {
-        let inputs: Vec<[i8; INPUTS]> = watched
+        let inputs: Vec<i8> = watched
             .iter()
             .flatten()
             .filter(|(seen, _)| actors.shared() || *seen == vehicle)
-            .map(|(_, input)| *input)
+            .flat_map(|(_, input)| input.iter().copied())
             .collect();
-        let quantised = quantise(network, &inputs)
+        let network = for_table(network, actors.form);
+        let quantised = quantise(&network, &inputs, output_step)
             .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
         let bytes = table_bytes(&quantised, &header)
             .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
@@ -98,4 +110,64 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors) -> Result<Vec<Vec<u
         Ok(bytes)
     });
     tables.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command::eval::compare;
+    use crate::laboratory::configuration::{ConfigurationSource, Preset};
+    use host_sim::simulation::{Extent, Simulation};
+
+    /// A table of each form decides as its float network does, on worlds that it was not calibrated on.
+    #[test]
+    fn actors_of_every_form_become_tables_that_decide_alike() {
+        let forms = [
+            ("paper", "sub-channel-and-power", true),
+            ("paper", "actions", true),
+            ("age-one-hot", "sub-channels", true),
+            ("firmware", "sub-channels", false),
+        ];
+        for (observation, action, silence) in forms {
+            let settings = [
+                "scenario.cell.vehicles=3".to_owned(),
+                "maddpg.actor_hidden=[300, 24]".to_owned(),
+                "maddpg.local_critic_hidden=[8]".to_owned(),
+                "maddpg.global_critic_hidden=[8]".to_owned(),
+                format!("maddpg.observation={observation:?}"),
+                format!("maddpg.action={action:?}"),
+                format!("maddpg.silence={silence}"),
+            ];
+            let source = ConfigurationSource {
+                preset: Preset::Companion,
+                file: None,
+                settings: settings.to_vec(),
+            };
+            let identity = RunIdentity::new(1, source.read().unwrap());
+            let mut learner = identity.configuration.learner(1).unwrap();
+            let _metrics = learner.advance();
+            let actors = learner.actors();
+            let tables = actor_tables(&identity, &actors).unwrap();
+            let tables: Vec<_> = tables
+                .iter()
+                .map(|bytes| parse_table(None, bytes).unwrap())
+                .collect();
+            assert_eq!(tables.len(), 3);
+            assert_eq!(tables[0].observation_form(), actors.form.observation.in_table());
+            assert_eq!(tables[0].output_form(), actors.form.output.in_table());
+            let simulation = Simulation {
+                scenario: &identity.configuration.scenario,
+                source: &MobilitySource::Grid,
+                extent: Extent {
+                    seed: 1,
+                    worlds: 4,
+                    slots: 300,
+                    warmup: 20,
+                },
+            };
+            let compared = compare(&simulation, &actors, &tables).unwrap();
+            println!("{observation}, {action}: {compared:?}");
+            assert!(compared.agreement > 0.96, "{observation}, {action}: {compared:?}");
+        }
+    }
 }

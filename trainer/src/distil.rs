@@ -90,7 +90,7 @@ struct Samples {
 }
 
 /// The encoded observation as the float network sees it.
-pub fn as_float(input: &[i8; INPUTS]) -> [f32; INPUTS] {
+pub fn as_float<const LENGTH: usize>(input: &[i8; LENGTH]) -> [f32; LENGTH] {
     input.map(|value| f32::from(value) / f32::from(ONE))
 }
 

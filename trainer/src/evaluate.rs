@@ -1,11 +1,9 @@
 //! Trained actors as policies, in float and in int8, on the same held-out worlds.
 
-use crate::distil::{as_float, best_action};
 use crate::laboratory::actors::Actors;
-use crate::laboratory::forms::{ObservationForm, OutputForm};
 use crate::network::Batch;
 use firmware::actor::Actor;
-use firmware::decision::PowerPlan;
+use firmware::decision::{Decision, PowerPlan};
 use firmware::measurement::Measurement;
 use firmware::observation::Observation;
 use firmware::table::Table;
@@ -17,11 +15,23 @@ use host_sim::policy::Policy;
 use host_sim::stream::{Role, Stream};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Decisions on which the two forms agree.
+/// Decisions on which the two forms agree: silence, or the same sub-channel with powers that are at most 1 dB apart.
 #[derive(Debug, Default)]
 pub struct Agreement {
     same: AtomicU64,
     all: AtomicU64,
+}
+
+/// How far apart powers of the same decision may be, in 1/256 dB (chosen).
+const SAME_POWER: u16 = 1 << 8;
+
+fn agree(a: Decision, b: Decision) -> bool {
+    let parts = |decision| match decision {
+        Decision::Silent => (None, 0),
+        Decision::Transmit { sub_channel, power } => (Some(sub_channel), power.to_bits()),
+    };
+    let ((a, a_power), (b, b_power)) = (parts(a), parts(b));
+    a == b && a_power.abs_diff(b_power) <= SAME_POWER
 }
 
 impl Agreement {
@@ -137,7 +147,7 @@ impl Policy for FloatActors<'_> {
                 decisions.set(*world, vehicle, decision);
                 if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
                     let observation = Observation::new(measurement);
-                    same += u64::from(best_action(&self.outputs) == quantised.act(&observation));
+                    same += u64::from(agree(decision, quantised.decide(&observation)));
                     all += 1;
                 }
             }
@@ -182,22 +192,21 @@ impl Policy for OwnTables<'_> {
     }
 }
 
-/// What the greedy networks see in the worlds of an environment, vehicle by vehicle in every slot, as the firmware encodes it:
+/// What the greedy networks see in the worlds of an environment, vehicle by vehicle in every slot, as a table's form encodes it:
 /// for calibration.
-///
-/// # Panics
-/// If the actors are not of the firmware's form.
 pub fn watch_inputs(
     environment: &mut Environment<'_>,
     actors: &Actors,
     setting: Setting,
     slots: u32,
-    mut seen: impl FnMut(usize, [i8; firmware::observation::INPUTS]),
+    mut seen: impl FnMut(usize, &[i8]),
 ) {
-    assert_eq!(
-        (actors.form.observation, actors.form.output),
-        (ObservationForm::Firmware, OutputForm::Actions)
-    );
+    let Setting {
+        required_sinr,
+        power_plan,
+    } = setting;
+    let form = actors.form;
+    let mut input = vec![0.0; form.observation.length()];
     let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
     for _ in 0..slots {
         for &vehicle in environment.present() {
@@ -205,11 +214,13 @@ pub fn watch_inputs(
                 let Some(measurement) = environment.measurement(world, vehicle) else {
                     continue;
                 };
+                form.observation.write(&measurement, required_sinr, &mut input);
+                let outputs = actors.network(vehicle).forward(&input);
+                let decision = form.output.decide(&outputs, &measurement, &power_plan, None);
+                decisions.set(world, vehicle, decision);
                 let observation = Observation::new(&measurement);
-                let input = observation.encode(setting.required_sinr);
-                let action = best_action(&actors.network(vehicle).forward(&as_float(&input)));
-                decisions.set(world, vehicle, setting.power_plan.decision(action, &observation));
-                seen(vehicle, input);
+                let table_form = form.observation.in_table();
+                table_form.encode(&observation, required_sinr, |input| seen(vehicle, input));
             }
         }
         environment.step(&decisions);

@@ -1,8 +1,8 @@
 //! From the float network to the firmware's integers: per-row weight scales, calibrated activations.
 
-use crate::distil::as_float;
 use crate::network::{Layer, Network};
-use firmware::observation::{INPUTS, ONE};
+use firmware::actor::EVEN_ROW_LIMIT;
+use firmware::observation::ONE;
 pub use host_sim::pack::IntegerLayer as QuantisedLayer;
 
 /// A network in integers.
@@ -25,14 +25,14 @@ pub enum QuantiseError {
     },
     /// A row's scale leaves the range of its multiplier.
     #[error(
-        "layer {layer} row {row}: found a scale ratio of {ratio:.3}, expected below 0.5: its activations are too small"
+        "layer {layer} row {row}: found a scale ratio of {ratio:.3}, expected below 0.5: its results are too small for its weights"
     )]
     Ratio {
         /// Which layer, from 0.
         layer: usize,
         /// Which row, from 0.
         row: usize,
-        /// Accumulator step over activation step.
+        /// Accumulator step over the step of its results.
         ratio: f64,
     },
     /// A bias leaves the accumulator's range.
@@ -47,14 +47,23 @@ pub enum QuantiseError {
     },
 }
 
-/// Quantises a network. Weights: each row's largest magnitude becomes 127. Hidden activations: the largest one over the
-/// calibration inputs becomes 255. Outputs: one common step, as fine as the multipliers allow.
+/// Quantises a network. Weights: each row's largest magnitude becomes 127, or less where the kernel could not add up so long a
+/// row. Hidden activations: the largest one over the calibration inputs, `[sample][input]`, becomes 255. Outputs: one common
+/// step, the given one or as fine as the multipliers allow.
 ///
 /// # Errors
 /// [`QuantiseError`] names the layer and row that do not fit.
-pub fn quantise(network: &Network, calibration: &[[i8; INPUTS]]) -> Result<QuantisedNetwork, QuantiseError> {
-    let floats: Vec<[f32; INPUTS]> = calibration.iter().map(as_float).collect();
-    let largest = network.largest_activations(floats.iter().map(<[f32; INPUTS]>::as_slice));
+pub fn quantise(
+    network: &Network,
+    calibration: &[i8],
+    output_step: Option<f64>,
+) -> Result<QuantisedNetwork, QuantiseError> {
+    let floats: Vec<f32> = calibration
+        .iter()
+        .map(|&code| f32::from(code) / f32::from(ONE))
+        .collect();
+    let inputs = network.layers.first().map_or(1, |layer| layer.inputs);
+    let largest = network.largest_activations(floats.chunks_exact(inputs));
     let mut scales = vec![1.0 / f64::from(ONE)];
     let mut layers = Vec::new();
     for (index, (layer, &largest)) in network.layers.iter().zip(&largest).enumerate() {
@@ -67,32 +76,48 @@ pub fn quantise(network: &Network, calibration: &[[i8; INPUTS]]) -> Result<Quant
             return Err(QuantiseError::NotFinite { layer: index });
         }
         let input_scale = scales[index];
-        let steps: Vec<f64> = (0..layer.outputs)
-            .map(|row| row_scale(layer, row) * input_scale)
+        let range = if index == 0 { [-128.0, 127.0] } else { [0.0, 255.0] };
+        let rows: Vec<f64> = (0..layer.outputs)
+            .map(|row| row_scale(layer, row, input_scale, range))
             .collect();
         let output_scale = if index + 1 < network.layers.len() {
             f64::from(largest) / 255.0
         } else {
             // Just above twice the coarsest row's step, so that every ratio is below a half.
-            steps.iter().fold(0.0, |coarsest: f64, &step| coarsest.max(step)) * 2.001
+            let coarsest = rows.iter().fold(0.0, |coarsest: f64, &scale| coarsest.max(scale));
+            output_step.unwrap_or(coarsest * input_scale * 2.001)
         };
-        layers.push(quantise_layer(index, layer, &steps, output_scale)?);
+        layers.push(quantise_layer(index, layer, &rows, input_scale, output_scale)?);
         scales.push(output_scale);
     }
     Ok(QuantisedNetwork { layers, scales })
 }
 
-/// Real value of one weight step of a row.
-fn row_scale(layer: &Layer, row: usize) -> f64 {
-    let largest = (0..layer.inputs).fold(0.0_f32, |largest, input| {
-        largest.max(weight(layer, row, input).abs())
-    });
+/// How much coarser than its finest a row's weights may become. The widest layer's weights need no more; a bias that does is
+/// refused, since weights would vanish beside it.
+const COARSEST: f64 = 4.0;
+
+/// Real value of one weight step of a row whose activations have this range.
+fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f64; 2]) -> f64 {
+    let weights = || (0..layer.inputs).map(|input| f64::from(weight(layer, row, input)));
+    let largest = weights().fold(0.0, |largest: f64, weight| largest.max(weight.abs()));
     // A row of zeros has any scale.
-    if largest > 0.0 {
-        f64::from(largest) / 127.0
-    } else {
-        1.0
+    if largest == 0.0 {
+        return 1.0;
     }
+    let finest = largest / 127.0;
+    // Only even rows have a limit, but which of two rows is even should not change what it computes.
+    let bias = f64::from(layer.biases[row]) / input_scale;
+    let sum = |pick: fn(f64, f64) -> f64| -> f64 {
+        bias + weights()
+            .map(|weight| pick(weight * least, weight * greatest))
+            .sum::<f64>()
+    };
+    // Rounding moves each weight by half a step, and the bias.
+    let rounding = 0.5 * greatest.max(-least) * layer.inputs as f64 + 1.0;
+    let limit = f64::from(EVEN_ROW_LIMIT) - rounding;
+    let needed = sum(f64::max).max(-sum(f64::min)) / limit;
+    needed.clamp(finest, COARSEST * finest)
 }
 
 fn weight(layer: &Layer, row: usize, input: usize) -> f32 {
@@ -102,7 +127,8 @@ fn weight(layer: &Layer, row: usize, input: usize) -> f32 {
 fn quantise_layer(
     index: usize,
     layer: &Layer,
-    steps: &[f64],
+    rows: &[f64],
+    input_scale: f64,
     output_scale: f64,
 ) -> Result<QuantisedLayer, QuantiseError> {
     let mut quantised = QuantisedLayer {
@@ -111,7 +137,8 @@ fn quantise_layer(
         multipliers: Vec::new(),
         weights: Vec::new(),
     };
-    for (row, &step) in steps.iter().enumerate() {
+    for (row, &scale) in rows.iter().enumerate() {
+        let step = scale * input_scale;
         let ratio = step / output_scale;
         // Also refuses an infinite ratio: a layer that never activates.
         if ratio.is_nan() || ratio >= 0.5 {
@@ -133,7 +160,6 @@ fn quantise_layer(
         quantised
             .multipliers
             .push((ratio * 4_294_967_296.0).round() as i32);
-        let scale = row_scale(layer, row);
         quantised.weights.extend(
             (0..layer.inputs).map(|input| (f64::from(weight(layer, row, input)) / scale).round() as i8),
         );
@@ -160,7 +186,7 @@ mod tests {
     #[test]
     fn rows_have_their_own_scales() {
         // [inputs][outputs]: row 0 is (1, -0.5), row 1 is (0.01, 0.02).
-        let quantised = quantise(&single(vec![1.0, 0.01, -0.5, 0.02], vec![0.5, 0.0]), &[]).unwrap();
+        let quantised = quantise(&single(vec![1.0, 0.01, -0.5, 0.02], vec![0.5, 0.0]), &[], None).unwrap();
         let layer = &quantised.layers[0];
         assert_eq!(layer.weights, [127, -64, 64, 127]);
         // 0.5 in steps of 1/127/64
@@ -175,7 +201,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_named() {
-        let message = |network: &Network| quantise(network, &[]).unwrap_err().to_string();
+        let message = |network: &Network| quantise(network, &[], None).unwrap_err().to_string();
         assert!(message(&single(vec![f32::NAN], vec![0.0])).starts_with("layer 0: found a parameter"));
         assert!(message(&single(vec![1e-9], vec![1e3])).starts_with("layer 0 row 0: found a bias"));
         let mut deep = single(vec![1.0], vec![0.0]);

@@ -71,10 +71,10 @@ unsafe extern "C" {
 }
 
 /// The network's outputs, or `None` if its bytes are not aligned to a word.
-pub(super) fn infer<const INPUTS: usize>(
+pub(super) fn infer(
     network: &Network<'_>,
     scratch: &mut Scratch,
-    input: &[i8; INPUTS],
+    input: &[i8],
 ) -> Option<[i32; MAX_OUTPUTS]> {
     // A layer's biases and stream are whole words, so either all layers are aligned or none is.
     let output = network.output_layer();
@@ -82,9 +82,10 @@ pub(super) fn infer<const INPUTS: usize>(
         return None;
     }
     let [mut now, mut next] = scratch.0.each_mut();
-    now.load(input);
+    let first = network.first_layer().geometry();
+    now.load(input, first);
     let mut outputs = [0; MAX_OUTPUTS];
-    let columns = network.layers().next()?.geometry().columns();
+    let columns = first.columns();
     // SAFETY: the kernel reads `columns` activations and writes a row's result for each of the geometry's `rows`; both are
     // at most MAX_WIDTH, the length of `Activations`, because MAX_WIDTH is a multiple of all padding, and rows of the last
     // layer are at most MAX_OUTPUTS. `DenseLayer::parse` has checked that a stream is as long as its geometry says, and the

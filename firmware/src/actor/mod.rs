@@ -11,8 +11,8 @@ mod network;
 pub use dense::{BLOCK_COLUMNS, DenseLayer, EVEN_ROW_LIMIT, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS};
 pub use network::{Activations, Network, Scratch};
 
-use crate::decision::{ACTIONS, Action, Decision};
-use crate::observation::{INPUTS, Observation};
+use crate::decision::Decision;
+use crate::observation::Observation;
 use crate::table::Table;
 
 /// Runs a table's network. Owns the activations of one inference, so that no slot allocates or clears anything.
@@ -36,23 +36,18 @@ impl<'t> Actor<'t> {
         &self.table
     }
 
-    /// The network's outputs for an encoded observation, in the table's common output scale.
-    pub fn infer(&mut self, input: &[i8; INPUTS]) -> [i32; ACTIONS] {
-        let outputs = self.table.network().infer(&mut self.scratch, input);
-        let (outputs, _) = outputs
-            .split_first_chunk::<ACTIONS>()
-            .unwrap_or((&[0; ACTIONS], &[]));
-        *outputs
-    }
-
-    /// What to do in this slot.
-    pub fn act(&mut self, observation: &Observation) -> Action {
-        Action::from_outputs(&self.infer(&observation.encode(self.table.required_sinr())))
+    /// The network's outputs for an encoded observation ([`Network::infer`]).
+    pub fn infer(&mut self, input: &[i8]) -> [i32; MAX_OUTPUTS] {
+        self.table.network().infer(&mut self.scratch, input)
     }
 
     /// The slot's sub-channel and power.
     pub fn decide(&mut self, observation: &Observation) -> Decision {
-        let action = self.act(observation);
-        self.table.power_plan().decision(action, observation)
+        let Self { table, scratch } = self;
+        let infer = |input: &[i8]| table.network().infer(scratch, input);
+        let form = table.observation_form();
+        let outputs = form.encode(observation, table.required_sinr(), infer);
+        let form = table.output_form();
+        form.decision(&outputs, observation, table.power_plan())
     }
 }

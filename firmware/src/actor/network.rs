@@ -1,6 +1,6 @@
 //! Layers one after the other.
 
-use super::dense::{BLOCK_COLUMNS, DenseLayer, Geometry, MAX_OUTPUTS, MAX_WIDTH};
+use super::dense::{DenseLayer, Geometry, MAX_OUTPUTS, MAX_WIDTH};
 use crate::table::{MAX_LAYERS, TableError};
 use heapless::Vec;
 
@@ -66,6 +66,12 @@ impl<'t> Network<'t> {
         })
     }
 
+    /// Number of inputs, then each layer's outputs.
+    pub fn widths(&self) -> impl Iterator<Item = usize> {
+        let outputs = self.layers().map(DenseLayer::outputs_len);
+        core::iter::once(self.first_layer().inputs_len()).chain(outputs)
+    }
+
     /// The layers before the last.
     pub fn hidden_layers(&self) -> &[DenseLayer<'t>] {
         &self.hidden
@@ -76,21 +82,23 @@ impl<'t> Network<'t> {
         &self.output
     }
 
+    /// The layer that takes the input.
+    pub(super) fn first_layer(&self) -> &DenseLayer<'t> {
+        self.hidden.first().unwrap_or(&self.output)
+    }
+
     /// All layers in their order.
     pub fn layers(&self) -> impl Iterator<Item = &DenseLayer<'t>> {
         self.hidden.iter().chain([&self.output])
     }
 
-    /// The outputs for an int8 input; those that the network does not have are 0.
+    /// The outputs for an int8 input; those that the network does not have are 0. Inputs that are missing count as 0, and
+    /// further ones are ignored.
     ///
     /// On a Cortex-M4 a kernel in assembly computes them, in the same number of instructions for every input; a table that
     /// is not aligned to a word, which the kernel could not load, and every other processor take the specification's own
     /// code. The bits are the same.
-    pub fn infer<const INPUTS: usize>(
-        &self,
-        scratch: &mut Scratch,
-        input: &[i8; INPUTS],
-    ) -> [i32; MAX_OUTPUTS] {
+    pub fn infer(&self, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         #[cfg(target_arch = "arm")]
         if let Some(outputs) = super::kernel::infer(self, scratch, input) {
             return outputs;
@@ -99,13 +107,9 @@ impl<'t> Network<'t> {
     }
 
     /// [`Network::infer`] by the specification's own code, on any processor.
-    pub fn infer_portably<const INPUTS: usize>(
-        &self,
-        scratch: &mut Scratch,
-        input: &[i8; INPUTS],
-    ) -> [i32; MAX_OUTPUTS] {
+    pub fn infer_portably(&self, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         let [mut now, mut next] = scratch.0.each_mut();
-        now.load(input);
+        now.load(input, self.first_layer().geometry());
         for layer in self.hidden_layers() {
             layer.hidden(now, next);
             core::mem::swap(&mut now, &mut next);
@@ -115,12 +119,13 @@ impl<'t> Network<'t> {
 }
 
 impl Activations {
-    /// Takes the network's input, and zeros for the rest of its last block: the kernel multiplies padding, too.
-    pub(super) fn load<const INPUTS: usize>(&mut self, input: &[i8; INPUTS]) {
-        let padded = const { INPUTS.next_multiple_of(BLOCK_COLUMNS) };
-        let values = input.iter().copied().chain(core::iter::repeat(0));
-        for (activation, value) in self.0.iter_mut().zip(values).take(padded) {
+    /// Takes the input of a layer of this shape, and zeros for the rest of its last block: the kernel multiplies padding, too.
+    pub(super) fn load(&mut self, input: &[i8], layer: &Geometry) {
+        let length = input.len().min(layer.inputs);
+        for (activation, &value) in self.0.iter_mut().zip(input.iter().take(length)) {
             *activation = i16::from(value);
         }
+        let padding = self.0.get_mut(length..layer.columns());
+        padding.unwrap_or_default().fill(0);
     }
 }

@@ -5,9 +5,9 @@
 //! stands in flash at [`JOB`], where the emulator's loader puts it; the results are lines of text over semihosting.
 //!
 //! # Job
-//! Little-endian words: [`MAGIC`], seed, number of slots, number of networks, then for each network: inputs to compute,
-//! number of widths, five widths, length of its bytes, bytes to skip (0 to 3: the next ones are then not aligned to a
-//! word), its bytes, zeros to a word.
+//! Little-endian words: [`MAGIC`], seed, number of slots, length of the table that decides in them, the table, zeros to a
+//! word, number of networks, then for each network: inputs to compute, number of widths, five widths, length of its bytes,
+//! bytes to skip (0 to 3: the next ones are then not aligned to a word), its bytes, zeros to a word.
 //!
 //! # Results
 //! * `network INDEX kernel MIN MAX portable MIN MAX mismatches N digest CRC`
@@ -28,12 +28,12 @@ mod target {
     use core::hint::black_box;
     use cortex_m::asm::wfi;
     use firmware::actor::{Actor, MAX_OUTPUTS, Network, Scratch};
-    use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
+    use firmware::decision::{Decision, PowerPlan};
+    use firmware::form::{ONE_HOT_INPUTS, ObservationForm, OutputForm};
     use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
     use firmware::measurement::{Broadcast, Measurement, MeasurementError};
-    use firmware::observation::{INPUTS, Observation};
+    use firmware::observation::Observation;
     use firmware::table::{CHECKSUM, Table};
-    use firmware::tables::DISTILLED;
     use firmware::unit::{Event, Report, Unit, back_off};
     use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
     use heapless::{String, Vec};
@@ -178,6 +178,9 @@ mod target {
         let mut job = Job::find()?;
         let seed = job.word()?;
         let slots = job.word()?;
+        let length = job.word()? as usize;
+        let table = job.bytes(length)?;
+        let _ = job.bytes(length.next_multiple_of(4) - length)?;
         // Static, since the stack is short.
         let scratches = cortex_m::singleton!(: [Scratch; 2] = [const { Scratch::new() }; 2])?;
         for index in 0..job.word()? {
@@ -200,45 +203,31 @@ mod target {
                 }
             };
             let rng = Pcg32::new(u64::from(seed), u64::from(index));
-            match widths[0] {
-                1 => measure_network::<1>(&counter, index, &network, inputs, rng, scratches),
-                3 => measure_network::<3>(&counter, index, &network, inputs, rng, scratches),
-                7 => measure_network::<7>(&counter, index, &network, inputs, rng, scratches),
-                8 => measure_network::<8>(&counter, index, &network, inputs, rng, scratches),
-                13 => measure_network::<13>(&counter, index, &network, inputs, rng, scratches),
-                20 => measure_network::<20>(&counter, index, &network, inputs, rng, scratches),
-                65 => measure_network::<65>(&counter, index, &network, inputs, rng, scratches),
-                _ => return None,
-            }
+            measure_network(&counter, index, &network, inputs, rng, scratches)?;
         }
         if slots > 0 {
-            measure_slots(&counter, Pcg32::new(u64::from(seed), 1 << 32), slots)?;
+            measure_slots(&counter, table, Pcg32::new(u64::from(seed), 1 << 32), slots)?;
         }
         say(format_args!("done"));
         Some(())
     }
 
     #[inline(never)]
-    fn infer<const INPUTS: usize>(
-        network: &Network<'_>,
-        scratch: &mut Scratch,
-        input: &[i8; INPUTS],
-    ) -> [i32; MAX_OUTPUTS] {
+    fn infer(network: &Network<'_>, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         network.infer(scratch, input)
     }
 
     #[inline(never)]
-    fn infer_portably<const INPUTS: usize>(
-        network: &Network<'_>,
-        scratch: &mut Scratch,
-        input: &[i8; INPUTS],
-    ) -> [i32; MAX_OUTPUTS] {
+    fn infer_portably(network: &Network<'_>, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         network.infer_portably(scratch, input)
     }
 
+    /// Inputs of the widest network in a job.
+    const MOST_INPUTS: usize = 65;
+
     /// Extremes now and then, else any values.
-    fn random_input<const INPUTS: usize>(rng: &mut Pcg32, index: u32) -> [i8; INPUTS] {
-        core::array::from_fn(|_| {
+    fn random_input(rng: &mut Pcg32, index: u32, input: &mut [i8]) {
+        input.fill_with(|| {
             let random = rng.next_u32().to_le_bytes()[3].cast_signed();
             match index % 16 {
                 0 => i8::MIN,
@@ -248,25 +237,28 @@ mod target {
                 3 => i8::MAX,
                 _ => random,
             }
-        })
+        });
     }
 
-    fn measure_network<const INPUTS: usize>(
+    fn measure_network(
         counter: &Counter,
         index: u32,
         network: &Network<'_>,
         inputs: u32,
         mut rng: Pcg32,
         [scratch, other_scratch]: &mut [Scratch; 2],
-    ) {
+    ) -> Option<()> {
         let (mut kernel, mut portable) = (Counts::NONE, Counts::NONE);
         let (mut mismatches, mut digest) = (0_u32, CHECKSUM.digest());
-        for input in 0..inputs {
-            let input = random_input::<INPUTS>(&mut rng, input);
-            let (outputs, count) = counter.count(|| infer(black_box(network), scratch, black_box(&input)));
+        let mut input = [0; MOST_INPUTS];
+        let input = input.get_mut(..network.layers().next()?.inputs_len())?;
+        for index in 0..inputs {
+            random_input(&mut rng, index, input);
+            let input = &*input;
+            let (outputs, count) = counter.count(|| infer(black_box(network), scratch, black_box(input)));
             kernel.add(count);
             let (expected, count) =
-                counter.count(|| infer_portably(black_box(network), other_scratch, black_box(&input)));
+                counter.count(|| infer_portably(black_box(network), other_scratch, black_box(input)));
             portable.add(count);
             mismatches += u32::from(outputs != expected);
             for output in outputs {
@@ -281,6 +273,7 @@ mod target {
             portable.greatest,
             digest.finalize()
         ));
+        Some(())
     }
 
     #[inline(never)]
@@ -303,19 +296,27 @@ mod target {
     }
 
     #[inline(never)]
-    fn observe(measurement: &Measurement, required_sinr: Level) -> (Observation, [i8; INPUTS]) {
+    fn observe(form: ObservationForm, measurement: &Measurement, required_sinr: Level) -> Observation {
         let observation = Observation::new(measurement);
-        (observation, observation.encode(required_sinr))
+        form.encode(&observation, required_sinr, |input| {
+            let _ = black_box(input);
+        });
+        observation
     }
 
     #[inline(never)]
-    fn actor_infer(actor: &mut Actor<'static>, input: &[i8; INPUTS]) -> [i32; ACTIONS] {
+    fn actor_infer(actor: &mut Actor<'static>, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         actor.infer(input)
     }
 
     #[inline(never)]
-    fn decide(plan: &PowerPlan, outputs: &[i32; ACTIONS], observation: &Observation) -> Decision {
-        plan.decision(Action::from_outputs(outputs), observation)
+    fn decide(
+        form: OutputForm,
+        outputs: &[i32; MAX_OUTPUTS],
+        observation: &Observation,
+        plan: &PowerPlan,
+    ) -> Decision {
+        form.decision(outputs, observation, plan)
     }
 
     #[inline(never)]
@@ -323,23 +324,24 @@ mod target {
         encode(&UnitMessage::Decision(UnitFrame::from(report))).ok()
     }
 
-    // Each is built on the stack before it moves to its place, so not both in one function. The table
-    // is read at run time, as in the deployed image.
+    // Each is built on the stack before it moves to its place, so not both in one function.
     #[inline(never)]
-    fn new_unit() -> Option<&'static mut Unit<'static, Pcg32>> {
+    fn new_unit(table: &'static [u8]) -> Option<&'static mut Unit<'static, Pcg32>> {
         let unit = cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::without_table(back_off([0; 3])))?;
-        unit.replace_table(black_box(DISTILLED));
+        unit.replace_table(table);
         Some(unit)
     }
 
     #[inline(never)]
-    fn new_actor() -> Option<&'static mut Actor<'static>> {
-        cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(black_box(DISTILLED)).ok()?))
+    fn new_actor(table: &'static [u8]) -> Option<&'static mut Actor<'static>> {
+        cortex_m::singleton!(: Actor<'static> = Actor::new(Table::parse(table).ok()?))
     }
 
     #[inline(never)]
-    fn measure_slots(counter: &Counter, mut rng: Pcg32, slots: u32) -> Option<()> {
-        let (unit, actor) = (new_unit()?, new_actor()?);
+    fn measure_slots(counter: &Counter, table: &'static [u8], mut rng: Pcg32, slots: u32) -> Option<()> {
+        let (unit, actor) = (new_unit(table)?, new_actor(table)?);
+        let (observation_form, output_form) =
+            black_box((actor.table().observation_form(), actor.table().output_form()));
         let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
         let mut receiver = Receiver::default();
         let mut total = Counts::NONE;
@@ -381,11 +383,20 @@ mod target {
                 frame_out_count,
             ];
             if let Event::Measured(measurement) = &event {
-                let ((observation, input), observe_count) =
-                    counter.count(|| observe(black_box(measurement), black_box(required_sinr)));
+                let (observation, observe_count) = counter
+                    .count(|| observe(observation_form, black_box(measurement), black_box(required_sinr)));
+                let input = observation_form.encode(&observation, required_sinr, |input| {
+                    Vec::<i8, ONE_HOT_INPUTS>::from_slice(input).ok()
+                })?;
                 let (outputs, infer_count) = counter.count(|| actor_infer(actor, black_box(&input)));
-                let (decision, decide_count) =
-                    counter.count(|| decide(black_box(&plan), black_box(&outputs), black_box(&observation)));
+                let (decision, decide_count) = counter.count(|| {
+                    decide(
+                        output_form,
+                        black_box(&outputs),
+                        black_box(&observation),
+                        black_box(&plan),
+                    )
+                });
                 if decision != report.decision {
                     say(format_args!("failed: the stages decide otherwise than the unit"));
                     return None;

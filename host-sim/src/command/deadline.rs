@@ -1,5 +1,6 @@
 //! `host-sim deadline`: what a slot costs on the chip.
 
+use crate::command::options::{parse_table, table_bytes};
 use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
 use crate::deadline::image::Images;
 use crate::deadline::{Extent, NetworkReport, Report, report};
@@ -9,7 +10,7 @@ use crate::report::text_table::{Column, TextTable};
 use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Options of `deadline`.
@@ -21,10 +22,13 @@ pub struct DeadlineArguments {
     /// Deployed image to look at instead of building one
     #[arg(long, value_name = "ELF", requires = "measuring")]
     pub deployed: Option<PathBuf>,
+    /// Weight table whose slot to measure [default: the one in the firmware]
+    #[arg(long, value_name = "FILE")]
+    pub table: Option<PathBuf>,
     /// Slots of the whole path, one in 16 of them without a measurement
     #[arg(long, default_value_t = 110_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     pub slots: u32,
-    /// Random inputs for each network besides the shipped one
+    /// Random inputs for each network
     #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub inputs: u32,
     /// Seed of networks, inputs and measurements
@@ -40,6 +44,8 @@ pub struct DeadlineArguments {
 /// # Errors
 /// [`Error`] for an image that does not build or is none, and for a missing emulator.
 pub fn run(arguments: &DeadlineArguments) -> Result<()> {
+    let bytes = table_bytes(arguments.table.as_deref())?;
+    let table = parse_table(arguments.table.as_deref(), &bytes)?;
     let progress = progress();
     progress.set_message("building the images");
     let images = match (&arguments.measuring, &arguments.deployed) {
@@ -55,11 +61,11 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
         slots: arguments.slots,
         inputs: arguments.inputs,
     };
-    let report = report(&images, &extent)?;
+    let report = report(&images, &extent, &table)?;
     progress.finish_and_clear();
     if report.actor.counts.kernel.min != report.actor.counts.kernel.max {
         return Err(Error::input(
-            "the shipped actor's inference",
+            "the actor's inference",
             format!(
                 "{} to {} instructions",
                 report.actor.counts.kernel.min, report.actor.counts.kernel.max
@@ -70,7 +76,7 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     if arguments.json {
         say!("{}", as_json(&report, &extent));
     } else {
-        print!("{}", as_text(&report, &extent));
+        print!("{}", as_text(&report, &extent, arguments.table.as_deref()));
     }
     Ok(())
 }
@@ -129,7 +135,8 @@ fn period(network: &NetworkReport) -> f64 {
     (network.cycles / SLOT_CYCLES).ceil()
 }
 
-fn as_text(report: &Report, extent: &Extent) -> String {
+fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> String {
+    let origin = table.map_or("shipped".to_owned(), |table| table.display().to_string());
     let share = |cycles: f64| Cell::Number(100.0 * cycles / SLOT_CYCLES);
     let mut networks = TextTable::new(
         "One inference",
@@ -143,9 +150,9 @@ fn as_text(report: &Report, extent: &Extent) -> String {
         ],
     );
     for (network, note) in [
-        (&report.actor, " (shipped)"),
-        (&report.small, ""),
-        (&report.paper, " (the paper's)"),
+        (&report.actor, format!(" ({origin})")),
+        (&report.small, String::new()),
+        (&report.paper, " (the paper's)".to_owned()),
     ] {
         networks.row([
             Cell::Text(format!("{}{note}", network.name)),
@@ -163,7 +170,7 @@ fn as_text(report: &Report, extent: &Extent) -> String {
         period(paper)
     ));
     let mut stages = TextTable::new(
-        "One slot of the shipped actor, from the frame's first byte to the answer's last",
+        "One slot, from the frame's first byte to the answer's last",
         [
             Column::text("stage"),
             Column::number("min", "instructions", 0),

@@ -8,6 +8,7 @@ pub mod network;
 use crate::error::{Error, Result};
 use firmware::actor::Network;
 use firmware::link::{MeasurementFrame, ModemFrame};
+use firmware::table::Table;
 use image::{Footprint, Images};
 use network::PackedNetwork;
 use rand_core::Rng;
@@ -91,7 +92,7 @@ pub struct NetworkReport {
 /// Everything.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// The shipped actor's shape, with the counts of its observations in the slots.
+    /// The shape of the table's network, with the counts of its observations in the slots.
     pub actor: NetworkReport,
     /// 7-64-32-4.
     pub small: NetworkReport,
@@ -111,40 +112,38 @@ pub struct Report {
 
 /// Slots after which the stack is read (chosen).
 const STACK_SLOTS: u32 = 2000;
-/// Widths of the networks besides the shipped one.
+/// Widths of the networks besides the table's.
 const SMALL: [usize; 4] = [7, 64, 32, 4];
 const PAPER: [usize; 4] = [7, 1024, 512, 4];
-/// The large network's share of the inputs: an inference without the kernel takes millions of instructions.
-const PAPER_SHARE: u32 = 50;
+/// A network of more bytes is large, and its share of the inputs: an inference without the kernel takes millions of
+/// instructions.
+const LARGE: usize = 100_000;
+const LARGE_SHARE: u32 = 50;
 
-/// Measures everything.
+/// Measures everything, with this table in the slots.
 ///
 /// # Errors
 /// A missing emulator, an image that is none, and measurements that contradict each other.
-pub fn report(images: &Images, extent: &Extent) -> Result<Report> {
+pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Report> {
     let footprint = image::footprint(&images.deployed)?;
     image::check_measuring(&images.measuring)?;
-    let table = crate::command::options::parse_table(None, firmware::tables::DISTILLED)?;
-    let shipped: Vec<usize> = widths(table.network());
-    let subjects = [(shipped, 1), (SMALL.to_vec(), 1), (PAPER.to_vec(), PAPER_SHARE)]
-        .into_iter()
-        .map(|(widths, share)| {
-            Ok(Subject {
-                network: PackedNetwork::random(extent.seed, &widths)?,
-                inputs: extent.inputs.div_ceil(share),
-                misalignment: 0,
-            })
-        })
-        .collect::<Result<Vec<Subject>>>()?;
-    let (counts, stages) = measure(images, extent.seed, extent.slots, &subjects)?;
-    let networks = subjects
-        .iter()
-        .zip(counts)
-        .map(|(subject, counts)| network_report(subject, counts))
-        .collect::<Result<Vec<NetworkReport>>>()?;
-    let Ok([mut actor, small, paper]) = <[NetworkReport; 3]>::try_from(networks) else {
-        return Err(contradiction("too few networks"));
+    let random = |widths: &[usize]| PackedNetwork::random(extent.seed, widths);
+    // One job each: two large networks have no room beside each other.
+    let measured = |network: PackedNetwork| {
+        let large = network.bytes.len() > LARGE;
+        let subject = Subject {
+            inputs: extent.inputs.div_ceil(if large { LARGE_SHARE } else { 1 }),
+            network,
+            misalignment: 0,
+        };
+        let counts = measure_networks(images, extent.seed, std::slice::from_ref(&subject))?;
+        let counts = counts.first().ok_or_else(|| contradiction("no network"))?;
+        network_report(&subject, *counts)
     };
+    let mut actor = measured(PackedNetwork::of_table(table))?;
+    let small = measured(random(&SMALL)?)?;
+    let paper = measured(random(&PAPER)?)?;
+    let stages = measure_slots(images, extent.seed, extent.slots, table)?;
     let stage = |name: &str| stages.iter().find(|stage| stage.name == name);
     let (Some(infer), Some(slot)) = (stage("infer"), stage("slot")) else {
         return Err(contradiction("too few stages"));
@@ -178,12 +177,6 @@ fn contradiction(found: &str) -> Error {
     )
 }
 
-fn widths(network: &Network<'_>) -> Vec<usize> {
-    let inputs = network.layers().next().map(|layer| layer.inputs_len());
-    let outputs = network.layers().map(|layer| layer.outputs_len());
-    inputs.into_iter().chain(outputs).collect()
-}
-
 fn network_report(subject: &Subject, counts: NetworkCounts) -> Result<NetworkReport> {
     let PackedNetwork { widths, bytes } = &subject.network;
     let network = Network::parse(widths, bytes)
@@ -205,17 +198,30 @@ fn network_report(subject: &Subject, counts: NetworkCounts) -> Result<NetworkRep
     })
 }
 
-/// Runs the measuring image: counts for each network, then the stages of this many slots and, as `slot`, their total.
+/// Counts for each network, from the measuring image. All of them must fit its flash.
 ///
 /// # Errors
 /// A missing emulator or a run that breaks off, with its last words.
-pub fn measure(
-    images: &Images,
-    seed: u64,
-    slots: u32,
-    subjects: &[Subject],
-) -> Result<(Vec<NetworkCounts>, Vec<Stage>)> {
-    let lines = emulator::measure(&images.measuring, &job(seed, slots, subjects))?;
+pub fn measure_networks(images: &Images, seed: u64, subjects: &[Subject]) -> Result<Vec<NetworkCounts>> {
+    let (networks, _) = measure(images, &job(seed, None, subjects))?;
+    if networks.len() == subjects.len() {
+        Ok(networks)
+    } else {
+        Err(contradiction("another number of networks"))
+    }
+}
+
+/// The stages of this many slots in which the table decides and, as `slot`, their total, from the measuring image.
+///
+/// # Errors
+/// As [`measure_networks`].
+pub fn measure_slots(images: &Images, seed: u64, slots: u32, table: &Table<'_>) -> Result<Vec<Stage>> {
+    let (_, stages) = measure(images, &job(seed, Some((slots, table)), &[]))?;
+    Ok(stages)
+}
+
+fn measure(images: &Images, job: &[u8]) -> Result<(Vec<NetworkCounts>, Vec<Stage>)> {
+    let lines = emulator::measure(&images.measuring, job)?;
     let (mut networks, mut stages) = (Vec::new(), Vec::new());
     for line in &lines {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -247,19 +253,18 @@ pub fn measure(
             _ => {}
         }
     }
-    if networks.len() == subjects.len() {
-        Ok((networks, stages))
-    } else {
-        Err(contradiction("another number of networks"))
-    }
+    Ok((networks, stages))
 }
 
-fn job(seed: u64, slots: u32, subjects: &[Subject]) -> Vec<u8> {
+fn job(seed: u64, slots: Option<(u32, &Table<'_>)>, subjects: &[Subject]) -> Vec<u8> {
     let mut job = MAGIC.to_vec();
-    let mut word = |value: u32| job.extend(value.to_le_bytes());
-    word(fold(seed));
-    word(slots);
-    word(subjects.len() as u32);
+    let (slots, table) = slots.map_or((0, &[][..]), |(slots, table)| (slots, table.bytes()));
+    for word in [fold(seed), slots, table.len() as u32] {
+        job.extend(word.to_le_bytes());
+    }
+    job.extend(table);
+    job.resize(job.len().next_multiple_of(4), 0);
+    job.extend((subjects.len() as u32).to_le_bytes());
     for Subject {
         network,
         inputs,

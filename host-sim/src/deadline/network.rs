@@ -1,7 +1,8 @@
-//! Networks of any shape with random weights: what an inference costs depends on the shape alone.
+//! Networks to measure: a table's, or random ones, since what an inference costs depends on the shape alone.
 
 use crate::error::{Error, Result};
 use crate::pack::{IntegerLayer, pack};
+use firmware::table::{HEADER_LEN, Table};
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 
@@ -15,6 +16,15 @@ pub struct PackedNetwork {
 }
 
 impl PackedNetwork {
+    /// That of a table.
+    pub fn of_table(table: &Table<'_>) -> Self {
+        let bytes = table.bytes();
+        Self {
+            widths: table.network().widths().collect(),
+            bytes: bytes[HEADER_LEN..bytes.len() - 4].to_vec(),
+        }
+    }
+
     /// A random network whose hidden units work in their range.
     ///
     /// # Errors

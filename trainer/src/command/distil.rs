@@ -105,9 +105,11 @@ pub fn distil_table(
         ));
     });
     progress.finish_and_clear();
-    let quantised = quantise(&distilled.network, &distilled.inputs)
+    let quantised = quantise(&distilled.network, distilled.inputs.as_flattened(), None)
         .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
     let header = Header {
+        observation_form: ObservationForm::Firmware.in_table(),
+        output_form: OutputForm::Actions.in_table(),
         max_vehicles: recipe.max_vehicles as u16,
         required_sinr: scenario.radio.required_level(),
         power_plan: power_plan(scenario),

@@ -337,16 +337,7 @@ fn report(prepared: &PreparedRun, results: &[PolicyResult], agreement: Option<f6
 
 /// Checks that a table is one of the networks' kind.
 fn check_widths(folder: &RunFolder, actors: &Actors, table: &Table<'_>) -> Result<()> {
-    let layers = table.hidden_layers().iter().chain([table.output_layer()]);
-    let first = table
-        .hidden_layers()
-        .first()
-        .unwrap_or(table.output_layer())
-        .inputs_len();
-    let expected: Vec<usize> = [first]
-        .into_iter()
-        .chain(layers.map(|layer| layer.outputs_len()))
-        .collect();
+    let expected: Vec<usize> = table.network().widths().collect();
     let widths = actors.networks[0].widths();
     if widths == expected {
         return Ok(());

@@ -9,6 +9,7 @@ use crate::onnx;
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, thread_pool};
+use host_sim::deadline::cycles::{SLOT_CYCLES, inference_cycles, kernel_cost};
 use host_sim::error::{Error, Result};
 use host_sim::report::files::{check_output, write_whole};
 use host_sim::revision::revision_text;
@@ -101,14 +102,26 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
     let table = parse_table(place.as_deref(), &bytes)?;
     let source = workspace_folder().join("firmware/src/tables/distilled.rs");
     let command = "cargo run --release -p trainer -- export";
+    let share = slot_share(&table);
     write_whole(&arguments.out, &bytes)?;
-    write_whole(&source, table_source(&table, "DISTILLED", command).as_bytes())?;
-    report(
-        arguments.json,
-        &table,
-        &format!("Wrote {} and {}.", source.display(), arguments.out.display()),
-    );
+    let out = arguments.out.display();
+    let message = if share < 1.0 {
+        write_whole(&source, table_source(&table, "DISTILLED", command).as_bytes())?;
+        format!("Wrote {} and {out}.", source.display())
+    } else {
+        format!(
+            "Wrote {out}, but not the firmware's sources: an inference takes {share:.1} slots of 1 ms there. The simulator runs \
+             the table (--table)."
+        )
+    };
+    report(arguments.json, &table, &message);
     Ok(())
+}
+
+/// One inference in slots of 1 ms: modelled, without what is around it.
+fn slot_share(table: &Table<'_>) -> f64 {
+    let network = table.network();
+    inference_cycles(network, kernel_cost(network).instructions) / SLOT_CYCLES
 }
 
 /// Index of the actor that is meant.
@@ -166,13 +179,15 @@ fn report(json: bool, table: &Table<'_>, message: &str) {
             "source_revision": revision,
             "source_modified": provenance.modified,
             "table_bytes": table.bytes().len(),
+            "inference_modelled_slots": slot_share(table),
         });
         say!("{object}");
     } else {
         say!(
-            "{message} {} bytes, seed {}, source revision {revision}.",
+            "{message} {} bytes, seed {}, source revision {revision}; an inference takes {:.1} % of a slot (modelled).",
             table.bytes().len(),
-            provenance.seed
+            provenance.seed,
+            100.0 * slot_share(table)
         );
     }
 }

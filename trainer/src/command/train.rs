@@ -165,15 +165,15 @@ fn conclude(
         let model = onnx::model(&actors.networks[0], actors.form.output);
         write_whole(&folder.onnx(), &model)?;
     }
-    // An actor of a form that a table holds may still not fit one; that is a finding, not a failure of the training.
-    let table = actor_tables(identity, &actors);
-    let (table, obstacle) = match table {
-        Ok(tables) if actors.shared() => (tables.into_iter().next(), None),
-        Ok(_) => (
-            None,
-            Some("one actor for each vehicle: see export --vehicle".to_owned()),
-        ),
-        Err(error) => (None, Some(error.to_string())),
+    // An actor may not fit a table; that is a finding, not a failure of the training.
+    let (table, obstacle) = if actors.shared() {
+        match actor_tables(identity, &actors) {
+            Ok(tables) => (tables.into_iter().next(), None),
+            Err(error) => (None, Some(error.to_string())),
+        }
+    } else {
+        let several = "one actor for each vehicle: see export --vehicle";
+        (None, Some(several.to_owned()))
     };
     let report = json!({
         "algorithm": identity.configuration.algorithm.name(),

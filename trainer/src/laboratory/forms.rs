@@ -1,9 +1,10 @@
 //! What actors see and what they do: one definition for training and evaluation.
 
 use crate::distil::{as_float, best_action};
-use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
+use firmware::decision::{Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES};
+use firmware::form::{ONE_HOT_INPUTS, PAPER_INPUTS, UNIFORM_ONE};
 use firmware::measurement::Measurement;
-use firmware::observation::{INPUTS, Observation};
+use firmware::observation::{ONE, Observation};
 use firmware::units::{Age, Dbm, Level, SUB_CHANNELS, SubChannel};
 use host_sim::stream::Stream;
 use serde::{Deserialize, Serialize};
@@ -22,16 +23,27 @@ pub enum ObservationForm {
     Paper,
 }
 
-/// Inputs of [`ObservationForm::Paper`].
-const PAPER_INPUTS: usize = 2 * SUB_CHANNELS + 1;
-
 impl ObservationForm {
     /// Number of inputs.
     pub const fn length(self) -> usize {
+        self.in_table().inputs()
+    }
+
+    /// The same observation in a table, in int8.
+    pub const fn in_table(self) -> firmware::form::ObservationForm {
         match self {
-            Self::Firmware => INPUTS,
-            Self::AgeOneHot => ONE_HOT_AGES + FIRMWARE_LEVELS.len() + 1,
-            Self::Paper => PAPER_INPUTS,
+            Self::Firmware => firmware::form::ObservationForm::HomeFirst,
+            Self::AgeOneHot => firmware::form::ObservationForm::AgeOneHot,
+            Self::Paper => firmware::form::ObservationForm::Paper,
+        }
+    }
+
+    /// What an input is when its code in a table is [`ONE`].
+    pub fn at_code_one(self, input: usize) -> f32 {
+        match (self, input) {
+            (Self::Paper, PAPER_AGE) => f32::from(ONE) / f32::from(Age::MAX.slots()),
+            (Self::AgeOneHot, ONE_HOT_UNIFORM) => f32::from(ONE) / f32::from(UNIFORM_ONE),
+            _ => 1.0,
         }
     }
 
@@ -45,28 +57,24 @@ impl ObservationForm {
                 let encoded = Observation::new(measurement).encode(required_sinr);
                 inputs.copy_from_slice(&as_float(&encoded));
             }
-            Self::AgeOneHot => age_one_hot(measurement, required_sinr, inputs),
+            Self::AgeOneHot => inputs.copy_from_slice(&age_one_hot(measurement, required_sinr)),
             Self::Paper => inputs.copy_from_slice(&paper(measurement)),
         }
     }
 }
 
-/// Ages that [`ObservationForm::AgeOneHot`] tells apart; older ones are alike (chosen: seven periods of twenty vehicles).
-const ONE_HOT_AGES: usize = 51;
+/// Index of the private uniform in [`ObservationForm::AgeOneHot`].
+const ONE_HOT_UNIFORM: usize = ONE_HOT_INPUTS - 1;
 
-/// Indices of gains, their flags and interferences in [`Observation::encode`].
-const FIRMWARE_LEVELS: [usize; 9] = [5, 6, 7, 8, 9, 10, 17, 18, 19];
+/// Index of the age in [`ObservationForm::Paper`].
+const PAPER_AGE: usize = PAPER_INPUTS - 1;
 
-fn age_one_hot(measurement: &Measurement, required_sinr: Level, inputs: &mut [f32]) {
+/// The firmware's codes, but the uniform as it is.
+fn age_one_hot(measurement: &Measurement, required_sinr: Level) -> [f32; ONE_HOT_INPUTS] {
     let observation = Observation::new(measurement);
-    let encoded = as_float(&observation.encode(required_sinr));
-    let (ages, rest) = inputs.split_at_mut(ONE_HOT_AGES);
-    ages.fill(0.0);
-    ages[usize::from(observation.age().slots()).min(ONE_HOT_AGES) - 1] = 1.0;
-    for (input, index) in rest.iter_mut().zip(FIRMWARE_LEVELS) {
-        *input = encoded[index];
-    }
-    rest[FIRMWARE_LEVELS.len()] = observation.private_uniform() as f32 / 65_536.0;
+    let mut inputs = as_float(&observation.encode_age_one_hot(required_sinr));
+    inputs[ONE_HOT_UNIFORM] = observation.private_uniform() as f32 / 65_536.0;
+    inputs
 }
 
 /// Gains as (dB - 35) / 20, interference over noise in 40 dB, and age in its largest: each about -1 to 1, the scaling
@@ -84,9 +92,6 @@ fn paper(measurement: &Measurement) -> [f32; PAPER_INPUTS] {
     age[0] = f32::from(measurement.age().slots()) / f32::from(Age::MAX.slots());
     inputs
 }
-
-/// Outputs of [`OutputForm::SubChannels`].
-pub const SUB_CHANNEL_ACTIONS: usize = 1 + 2 * SUB_CHANNELS;
 
 /// What an actor's outputs mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -112,10 +117,16 @@ pub enum OutputForm {
 impl OutputForm {
     /// Number of outputs.
     pub const fn length(self) -> usize {
+        self.in_table().outputs()
+    }
+
+    /// The same outputs in a table, which is greedy.
+    pub const fn in_table(self) -> firmware::form::OutputForm {
         match self {
-            Self::Actions => ACTIONS,
-            Self::SubChannelAndPower { .. } => 2,
-            Self::SubChannels { .. } => SUB_CHANNEL_ACTIONS,
+            Self::Actions => firmware::form::OutputForm::Actions,
+            Self::SubChannelAndPower { .. } => firmware::form::OutputForm::SubChannelAndPower,
+            Self::SubChannels { silence: true } => firmware::form::OutputForm::SubChannels,
+            Self::SubChannels { silence: false } => firmware::form::OutputForm::SendingSubChannels,
         }
     }
 
@@ -149,13 +160,13 @@ impl OutputForm {
                 };
                 let mut explore = explore;
                 let mut best = (least, score(least, &mut explore));
-                for index in least + 1..SUB_CHANNEL_ACTIONS {
+                for index in least + 1..SUB_CHANNEL_CHOICES {
                     let score = score(index, &mut explore);
                     if score > best.1 {
                         best = (index, score);
                     }
                 }
-                sub_channels(best.0, measurement, plan)
+                plan.sub_channel_choice(best.0, &Observation::new(measurement))
             }
         }
     }
@@ -189,31 +200,11 @@ pub fn sub_channel_and_power([sub_channel, power]: [f32; 2], max_power: Dbm) -> 
     }
 }
 
-/// The decision of an action of [`OutputForm::SubChannels`]: 0 is silence, 1 to 3 full power on home and the sub-channels
-/// after it, 4 to 6 the lowest joiner level there.
-pub fn sub_channels(action: usize, measurement: &Measurement, plan: &PowerPlan) -> Decision {
-    let Some(sending) = action.checked_sub(1) else {
-        return Decision::Silent;
-    };
-    let index = (measurement.broadcast().home.index() + sending) % SUB_CHANNELS;
-    let aim = if sending < SUB_CHANNELS {
-        Level::MAX
-    } else {
-        plan.joiner_levels[0]
-    };
-    let gain = measurement.gain()[index];
-    let reduction = gain.to_bits().saturating_sub(aim.to_bits()).max(0);
-    let power = Dbm::from_bits(plan.max_power.to_bits().saturating_sub(reduction));
-    match SubChannel::new(index as u8) {
-        Some(sub_channel) => Decision::Transmit { sub_channel, power },
-        None => Decision::Silent,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::laboratory::random::initial;
+    use firmware::decision::ACTIONS;
 
     #[test]
     fn continuous_actions_cover_silence_to_full_power_on_every_sub_channel() {

@@ -2,7 +2,7 @@
 
 use super::actions::ActionSet;
 use super::options::{ActionForm, AgeScale, Maddpg};
-use crate::laboratory::forms::{ObservationForm, sub_channel_and_power, sub_channels};
+use crate::laboratory::forms::{ObservationForm, sub_channel_and_power};
 use crate::laboratory::random;
 use firmware::decision::{Action, Decision, PowerPlan};
 use firmware::observation::Observation;
@@ -197,7 +197,9 @@ impl Cells<'_> {
                 let action = Action::ALL.get(index).copied().unwrap_or(Action::Silent);
                 self.plan.decision(action, &Observation::new(&measurement))
             }
-            ActionForm::SubChannels => sub_channels(action[0] as usize, &measurement, &self.plan),
+            ActionForm::SubChannels => self
+                .plan
+                .sub_channel_choice(action[0] as usize, &Observation::new(&measurement)),
         }
     }
 

@@ -2,8 +2,8 @@
 //!
 //! The library is the specification: `observation`, `network` and the power below only do the same for many worlds side by
 //! side, and `tests/environment.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so
-//! no state is kept. Where a group can be too large for a broadcast, `units` decide; so they do for a single world, which is
-//! less work than a row of which one lane counts.
+//! no state is kept. Where a group can be too large for a broadcast, `units` decide; so they do for tables of a form that is
+//! not the shipped one's, and for a single world, which is less work than a row of which one lane counts.
 
 mod network;
 mod observation;
@@ -14,6 +14,7 @@ use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
 use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
+use firmware::form::{ObservationForm, OutputForm};
 use firmware::table::Table;
 use firmware::units::{Level, Period};
 use network::LaneNetwork;
@@ -22,7 +23,11 @@ use observation::View;
 
 /// The actor in the way that fits the environment.
 pub fn build<'t>(environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {
-    if environment.worlds() > 1 && environment.most_vehicles() <= usize::from(Period::MAX) {
+    let common = (ObservationForm::HomeFirst, OutputForm::Actions);
+    if (table.observation_form(), table.output_form()) == common
+        && environment.worlds() > 1
+        && environment.most_vehicles() <= usize::from(Period::MAX)
+    {
         Box::new(LaneActor::new(table))
     } else {
         Box::new(units::Units::new(table, environment))
@@ -37,7 +42,7 @@ pub struct LaneActor {
 }
 
 impl LaneActor {
-    /// An actor that runs this table.
+    /// An actor that runs this table, of the shipped one's form.
     pub fn new(table: &Table<'_>) -> Self {
         Self {
             encoder: Encoder::new(table.required_sinr()),
