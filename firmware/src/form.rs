@@ -30,6 +30,9 @@ pub const ONE_HOT_INPUTS: usize = ONE_HOT_AGES + 10;
 /// Inputs of [`ObservationForm::Paper`].
 pub const PAPER_INPUTS: usize = 2 * SUB_CHANNELS + 1;
 
+/// Most inputs of any form.
+pub const MAX_INPUTS: usize = ONE_HOT_INPUTS;
+
 /// The code that stands for a private uniform of 1 in [`ObservationForm::AgeOneHot`].
 pub const UNIFORM_ONE: i8 = i8::MAX;
 

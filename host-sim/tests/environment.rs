@@ -2,6 +2,9 @@
 //! allocation.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+#[path = "../../firmware/tests/table_builder.rs"]
+mod table_builder;
+
 use firmware::decision::Decision;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
@@ -9,13 +12,14 @@ use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Vectors};
 use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::policy::{PolicyName, actor};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::run_slot;
 use host_sim::stream::{Purpose, Role};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ops::Range;
+use table_builder::Contents;
 
 static SOURCE: MobilitySource = MobilitySource::Grid;
 
@@ -102,48 +106,70 @@ fn every_vector_unit_gives_the_same_bits() {
     }
 }
 
+/// Observations and transmissions of a run in which every decision is the firmware's unit's. One table for all vehicles, or one
+/// for each.
+fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
+    let scenario = scenario(&[&format!("cell.vehicles={vehicles}")]);
+    let worlds = LANES as u64 + 8;
+    let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
+    let mut policy = actor::build(&environment, tables);
+    let mut noise = PolicyName::Random.build(&environment, &tables[0]);
+    let mut units: Vec<Vec<Unit<'_, _>>> = environment
+        .keys()
+        .iter()
+        .map(|key| {
+            let bytes = tables.iter().map(Table::bytes).cycle();
+            let unit = |(vehicle, bytes)| Unit::new(bytes, key.stream(Role::BackOff, vehicle));
+            (0..vehicles).zip(bytes).map(unit).collect()
+        })
+        .collect();
+    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+    let (mut observations, mut transmissions) = (0, 0);
+    for slot in 0..slots {
+        decisions.clear();
+        policy.decide(&environment, &mut decisions);
+        for (world, units) in units.iter_mut().enumerate() {
+            for (vehicle, unit) in units.iter_mut().enumerate() {
+                let measurement = environment.measurement(world, vehicle).unwrap();
+                let expected = unit.slot(&Event::Measured(measurement)).unwrap().decision;
+                let found = decisions.get(world, vehicle);
+                assert_eq!(found, expected, "slot {slot} world {world} vehicle {vehicle}");
+                transmissions += u64::from(expected != Decision::Silent);
+                observations += 1;
+            }
+        }
+        // Now and then nobody keeps to the turns, so that all ages, joiners and interferences occur.
+        if slot % 100 >= 90 {
+            noise.decide(&environment, &mut decisions);
+        }
+        environment.step(&decisions);
+    }
+    (observations, transmissions)
+}
+
 #[test]
 fn the_actor_decides_as_the_firmware_s_units_on_a_million_observations() {
-    let mut observations = 0;
+    let mut sum = 0;
     for (vehicles, slots) in [(20, 800), (60, 300)] {
-        let scenario = scenario(&[&format!("cell.vehicles={vehicles}")]);
-        let table = table();
-        let worlds = LANES as u64 + 8;
-        let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
-        let mut policy = PolicyName::Actor.build(&environment, &table);
-        let mut noise = PolicyName::Random.build(&environment, &table);
-        let mut units: Vec<Vec<Unit<'_, _>>> = environment
-            .keys()
-            .iter()
-            .map(|key| {
-                let unit = |vehicle| Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle));
-                (0..vehicles).map(unit).collect()
-            })
-            .collect();
-        let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
-        let mut transmissions = 0;
-        for slot in 0..slots {
-            decisions.clear();
-            policy.decide(&environment, &mut decisions);
-            for (world, units) in units.iter_mut().enumerate() {
-                for (vehicle, unit) in units.iter_mut().enumerate() {
-                    let measurement = environment.measurement(world, vehicle).unwrap();
-                    let expected = unit.slot(&Event::Measured(measurement)).unwrap().decision;
-                    let found = decisions.get(world, vehicle);
-                    assert_eq!(found, expected, "slot {slot} world {world} vehicle {vehicle}");
-                    transmissions += u64::from(expected != Decision::Silent);
-                    observations += 1;
-                }
-            }
-            // Now and then nobody keeps to the turns, so that all ages, joiners and interferences occur.
-            if slot % 100 >= 90 {
-                noise.decide(&environment, &mut decisions);
-            }
-            environment.step(&decisions);
-        }
+        let (observations, transmissions) = compare(vehicles, slots, &[table()]);
         assert!(transmissions > 10_000, "{transmissions}");
+        sum += observations;
     }
-    assert!(observations >= 1_000_000, "{observations}");
+    assert!(sum >= 1_000_000, "{sum}");
+}
+
+#[test]
+fn actors_of_every_form_decide_as_the_firmware_s_units() {
+    let forms = (0..3).flat_map(|observation| (0..4).map(move |output| (observation, output)));
+    let bytes: Vec<Vec<u8>> = forms
+        .map(|(observation, output)| Contents::in_form(5, observation, output).bytes())
+        .collect();
+    let tables: Vec<Table<'_>> = bytes.iter().map(|bytes| Table::parse(bytes).unwrap()).collect();
+    // Each vehicle with a table of its own, and some that all share.
+    for tables in [&tables[..], &tables[1..2], &tables[11..]] {
+        let (_, transmissions) = compare(tables.len().max(3) as u32, 100, tables);
+        assert!(transmissions > 100, "{transmissions}");
+    }
 }
 
 thread_local! {

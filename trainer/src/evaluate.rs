@@ -7,7 +7,6 @@ use firmware::decision::{Decision, PowerPlan};
 use firmware::measurement::Measurement;
 use firmware::observation::Observation;
 use firmware::table::Table;
-use firmware::unit::{Event, Unit};
 use firmware::units::Level;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
@@ -154,41 +153,6 @@ impl Policy for FloatActors<'_> {
         }
         let _ = self.agreement.same.fetch_add(same, Ordering::Relaxed);
         let _ = self.agreement.all.fetch_add(all, Ordering::Relaxed);
-    }
-}
-
-/// The firmware's units, each vehicle with a table of its own.
-pub struct OwnTables<'a> {
-    /// `[world][vehicle]`.
-    units: Vec<Unit<'a, Stream>>,
-}
-
-impl<'a> OwnTables<'a> {
-    /// As many tables as there are vehicles, or more.
-    pub fn new(tables: &'a [Table<'a>], environment: &Environment<'_>) -> Self {
-        let mut units = Vec::new();
-        for key in environment.keys() {
-            for (vehicle, table) in (0..).zip(&tables[..environment.vehicles()]) {
-                units.push(Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle)));
-            }
-        }
-        Self { units }
-    }
-}
-
-impl Policy for OwnTables<'_> {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        for world in 0..environment.worlds() {
-            for &vehicle in environment.present() {
-                let event = environment
-                    .measurement(world, vehicle)
-                    .map_or(Event::Missed(environment.slot()), Event::Measured);
-                let unit = &mut self.units[world * environment.vehicles() + vehicle];
-                if let Some(report) = unit.slot(&event) {
-                    decisions.set(world, vehicle, report.decision);
-                }
-            }
-        }
     }
 }
 

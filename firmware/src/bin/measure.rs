@@ -29,7 +29,7 @@ mod target {
     use cortex_m::asm::wfi;
     use firmware::actor::{Actor, MAX_OUTPUTS, Network, Scratch};
     use firmware::decision::{Decision, PowerPlan};
-    use firmware::form::{ONE_HOT_INPUTS, ObservationForm, OutputForm};
+    use firmware::form::{MAX_INPUTS, ObservationForm, OutputForm};
     use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
     use firmware::measurement::{Broadcast, Measurement, MeasurementError};
     use firmware::observation::Observation;
@@ -386,7 +386,7 @@ mod target {
                 let (observation, observe_count) = counter
                     .count(|| observe(observation_form, black_box(measurement), black_box(required_sinr)));
                 let input = observation_form.encode(&observation, required_sinr, |input| {
-                    Vec::<i8, ONE_HOT_INPUTS>::from_slice(input).ok()
+                    Vec::<i8, MAX_INPUTS>::from_slice(input).ok()
                 })?;
                 let (outputs, infer_count) = counter.count(|| actor_infer(actor, black_box(&input)));
                 let (decision, decide_count) = counter.count(|| {

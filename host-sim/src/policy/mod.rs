@@ -133,7 +133,7 @@ impl PolicyName {
                 .collect()
         };
         match self {
-            Self::Actor => actor::build(environment, table),
+            Self::Actor => actor::build(environment, std::slice::from_ref(table)),
             Self::Central => Box::new(central::Central::new(scenario)),
             Self::Clock => Box::new(clock::Clock::new(scenario)),
             Self::AgeThreshold => Box::new(aloha::Aloha::from_age(scenario, streams())),

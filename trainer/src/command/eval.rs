@@ -1,7 +1,7 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
 use crate::actor_table::{actor_tables, setting};
-use crate::evaluate::{Agreement, FloatActors, OwnTables, Setting};
+use crate::evaluate::{Agreement, FloatActors, Setting};
 use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
 use firmware::table::Table;
@@ -10,7 +10,7 @@ use host_sim::command::options::{parse_table, table_bytes, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
 use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
-use host_sim::policy::{Policy, PolicyName};
+use host_sim::policy::{Policy, PolicyName, actor};
 use host_sim::report::{PolicyResult, ages};
 use host_sim::say;
 use host_sim::scenario::Preset;
@@ -64,17 +64,14 @@ pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>
 /// # Errors
 /// If they do not serve the scenario.
 pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<AgeSummary> {
-    if let [shared] = tables {
-        return Ok(simulation.run_policy(PolicyName::Actor, shared, |_| ())?.0);
-    }
     let vehicles = simulation.source.most_vehicles(simulation.scenario);
     for table in tables {
         PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
     }
-    check_vehicles(simulation, tables.len())?;
-    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
-        Box::new(OwnTables::new(tables, environment))
-    };
+    if tables.len() > 1 {
+        check_vehicles(simulation, tables.len())?;
+    }
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> { actor::build(environment, tables) };
     Ok(simulation.run(build, |_| ())?.0)
 }
 
@@ -157,7 +154,7 @@ impl TrainedActors {
             _ => {
                 let bytes = table_bytes(Some(&folder.table()))?;
                 let table = parse_table(Some(&folder.table()), &bytes)?;
-                check_widths(folder, &actors, &table)?;
+                check_belongs(folder, &actors, identity.as_ref(), &table)?;
                 (Setting::of_table(&table), Ok(vec![bytes.clone()]))
             }
         };
@@ -335,19 +332,40 @@ fn report(prepared: &PreparedRun, results: &[PolicyResult], agreement: Option<f6
     }
 }
 
-/// Checks that a table is one of the networks' kind.
-fn check_widths(folder: &RunFolder, actors: &Actors, table: &Table<'_>) -> Result<()> {
-    let expected: Vec<usize> = table.network().widths().collect();
-    let widths = actors.networks[0].widths();
-    if widths == expected {
+/// Checks that a table can be of these networks, as far as its header tells.
+fn check_belongs(
+    folder: &RunFolder,
+    actors: &Actors,
+    identity: Option<&RunIdentity>,
+    table: &Table<'_>,
+) -> Result<()> {
+    let description = |widths: Vec<usize>, observation, outputs, seed, vehicles| {
+        format!("widths {widths:?}, {observation:?}, {outputs:?}, seed {seed}, {vehicles} vehicles at most")
+    };
+    let (form, seed) = (actors.form, table.provenance().seed);
+    let expected = description(
+        actors.networks[0].widths(),
+        form.observation.in_table(),
+        form.output.in_table(),
+        identity.map_or(seed, |identity| identity.seed),
+        form.max_vehicles,
+    );
+    let found = description(
+        table.network().widths().collect(),
+        table.observation_form(),
+        table.output_form(),
+        seed,
+        table.max_vehicles().into(),
+    );
+    if found == expected && actors.shared() {
         return Ok(());
     }
-    let found = format!("widths {widths:?}");
-    Err(Error::input(
-        folder.actors().display(),
-        found,
-        format!("{expected:?} as in the table"),
-    ))
+    let expected = if actors.shared() {
+        format!("{expected} as the networks beside it")
+    } else {
+        "none: each vehicle has its own network".to_owned()
+    };
+    Err(Error::input(folder.table().display(), found, expected))
 }
 
 #[cfg(test)]

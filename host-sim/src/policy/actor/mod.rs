@@ -2,9 +2,11 @@
 //!
 //! The library is the specification: `observation`, `network` and the power below only do the same for many worlds side by
 //! side, and `tests/environment.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so
-//! no state is kept. Where a group can be too large for a broadcast, `units` decide; so they do for tables of a form that is
-//! not the shipped one's, and for a single world, which is less work than a row of which one lane counts.
+//! no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
+//! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, `units` decide; so
+//! they do for a single world, which is less work than a row of which one lane counts.
 
+mod forms;
 mod network;
 mod observation;
 mod units;
@@ -13,30 +15,42 @@ use super::Policy;
 use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
-use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
+use firmware::actor::MAX_OUTPUTS;
+use firmware::decision::{ACTIONS, Action, JOINER_LEVELS, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
+use firmware::observation::INPUTS;
 use firmware::table::Table;
 use firmware::units::{Level, Period};
 use network::LaneNetwork;
 pub use observation::Encoder;
 use observation::View;
 
-/// The actor in the way that fits the environment.
-pub fn build<'t>(environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {
-    let common = (ObservationForm::HomeFirst, OutputForm::Actions);
-    if (table.observation_form(), table.output_form()) == common
-        && environment.worlds() > 1
-        && environment.most_vehicles() <= usize::from(Period::MAX)
-    {
-        Box::new(LaneActor::new(table))
-    } else {
-        Box::new(units::Units::new(table, environment))
+/// The actors in the way that fits the environment: with one table for all vehicles, or one for each.
+pub fn build<'t>(environment: &Environment<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
+    let measured = environment.most_vehicles() <= usize::from(Period::MAX);
+    if environment.worlds() == 1 || !measured {
+        return Box::new(units::Units::new(tables, environment));
     }
+    match tables {
+        [table]
+            if table.observation_form() == ObservationForm::HomeFirst
+                && table.output_form() == OutputForm::Actions =>
+        {
+            Box::new(LaneActor::new(table))
+        }
+        _ => Box::new(forms::FormActors::new(tables)),
+    }
+}
+
+/// The table of a vehicle; with one table, everybody's.
+fn own<T>(each: &[T], vehicle: usize) -> usize {
+    vehicle.min(each.len().saturating_sub(1))
 }
 
 /// Decides for a row of worlds at a time. Every group must be small enough for a broadcast.
 pub struct LaneActor {
     encoder: Encoder,
+    inputs: [Row<i32>; INPUTS],
     network: LaneNetwork,
     power_plan: PowerPlan,
 }
@@ -46,6 +60,7 @@ impl LaneActor {
     pub fn new(table: &Table<'_>) -> Self {
         Self {
             encoder: Encoder::new(table.required_sinr()),
+            inputs: [[0; LANES]; INPUTS],
             network: LaneNetwork::new(table),
             power_plan: *table.power_plan(),
         }
@@ -62,8 +77,8 @@ impl Policy for LaneActor {
                 || {
                     for &vehicle in environment.present() {
                         let view = self.encoder.view(environment, block, vehicle);
-                        self.encoder.encode(&view, self.network.inputs());
-                        let actions = self.network.infer(vectors);
+                        self.encoder.encode(&view, &mut self.inputs);
+                        let actions = largest(&self.network.infer(vectors, &self.inputs));
                         let (sub_channel, power) = decisions.rows_mut(block, vehicle);
                         *sub_channel = sub_channels(&view, &actions);
                         *power = powers(&self.power_plan, &view, &actions);
@@ -72,6 +87,20 @@ impl Policy for LaneActor {
             );
         }
     }
+}
+
+/// The actions with the largest outputs as indices of [`Action::ALL`]; of equal ones the first.
+#[inline(always)]
+fn largest(outputs: &[Row<i32>; MAX_OUTPUTS]) -> Row<i32> {
+    let (mut best, mut most) = ([0; LANES], [i32::MIN; LANES]);
+    for (action, row) in outputs.iter().enumerate().take(ACTIONS) {
+        for lane in 0..LANES {
+            let better = i32::from(row[lane] > most[lane]).wrapping_neg();
+            best[lane] = (better & action as i32) | (!better & best[lane]);
+            most[lane] = most[lane].max(row[lane]);
+        }
+    }
+    best
 }
 
 /// Home, or silence.

@@ -1,8 +1,7 @@
 //! A table's network for a row of worlds at a time: the integers of [`firmware::actor::DenseLayer`], one lane a world.
 
 use crate::lanes::{LANES, QUAD, Row, Vectors, pair};
-use firmware::actor::QUAD_ROWS;
-use firmware::observation::INPUTS;
+use firmware::actor::{MAX_OUTPUTS, QUAD_ROWS};
 use firmware::table::{HEADER_LEN, Table};
 
 const _: () = assert!(QUAD == QUAD_ROWS);
@@ -19,10 +18,8 @@ struct Quad {
 /// The network and the activations in work.
 #[derive(Clone, Debug)]
 pub struct LaneNetwork {
-    inputs: [Row<i32>; INPUTS],
     /// `[layer][quad of rows]`.
     layers: Vec<Vec<Quad>>,
-    outputs: usize,
     /// `[column pair][world]`, both columns' activations in one word.
     now: Vec<Row<i32>>,
     next: Vec<Row<i32>>,
@@ -32,7 +29,7 @@ impl LaneNetwork {
     /// A checked table's network.
     pub fn new(table: &Table<'_>) -> Self {
         let mut rest = &table.bytes()[HEADER_LEN..];
-        let mut widest = INPUTS;
+        let mut widest = 0;
         let layers = table.network().layers().map(|layer| {
             let geometry = layer.geometry();
             widest = widest.max(geometry.rows()).max(geometry.columns());
@@ -50,30 +47,27 @@ impl LaneNetwork {
         // Columns behind the last have no weights.
         let pairs = vec![[0; LANES]; widest / 2 + 1];
         Self {
-            inputs: [[0; LANES]; INPUTS],
             layers,
-            outputs: table.output_layer().outputs_len(),
             now: pairs.clone(),
             next: pairs,
         }
     }
 
-    /// The encoded observations, to be written, each in the range of i8. `[input][world]`.
+    /// The outputs for encoded observations, `[input][world]`, each in the range of i8; those that the network does not have are 0.
     #[inline(always)]
-    pub fn inputs(&mut self) -> &mut [Row<i32>; INPUTS] {
-        &mut self.inputs
-    }
-
-    /// The actions with the largest outputs as indices of `Action::ALL`; of equal ones the first.
-    #[inline(always)]
-    pub fn infer(&mut self, vectors: Vectors) -> Row<i32> {
-        for (now, inputs) in self.now.iter_mut().zip(self.inputs.as_chunks::<2>().0) {
+    pub fn infer(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> [Row<i32>; MAX_OUTPUTS] {
+        let (pairs, last) = inputs.as_chunks::<2>();
+        for (now, inputs) in self.now.iter_mut().zip(pairs) {
             for lane in 0..LANES {
                 now[lane] = pair(inputs[0][lane], inputs[1][lane]);
             }
         }
+        if let [last] = last {
+            self.now[pairs.len()] = last.map(|input| pair(input, 0));
+        }
+        let mut outputs = [[0; LANES]; MAX_OUTPUTS];
         let Some((output, hidden)) = self.layers.split_last() else {
-            return [0; LANES];
+            return outputs;
         };
         for layer in hidden {
             for (quad, next) in layer.iter().zip(self.next.as_chunks_mut::<{ QUAD / 2 }>().0) {
@@ -87,18 +81,10 @@ impl LaneNetwork {
             }
             std::mem::swap(&mut self.now, &mut self.next);
         }
-        let (mut best, mut most) = ([0; LANES], [i32::MIN; LANES]);
-        for (index, quad) in output.iter().enumerate() {
-            let rows = quad.scaled(vectors, &self.now);
-            for (action, row) in (index * QUAD..self.outputs).zip(&rows) {
-                for lane in 0..LANES {
-                    let better = i32::from(row[lane] > most[lane]).wrapping_neg();
-                    best[lane] = (better & action as i32) | (!better & best[lane]);
-                    most[lane] = most[lane].max(row[lane]);
-                }
-            }
+        for (outputs, quad) in outputs.as_chunks_mut::<QUAD>().0.iter_mut().zip(output) {
+            *outputs = quad.scaled(vectors, &self.now);
         }
-        best
+        outputs
     }
 }
 

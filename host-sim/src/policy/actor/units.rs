@@ -1,5 +1,6 @@
 //! The firmware's own units, one a vehicle: slow, and able to decide without a measurement.
 
+use super::own;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
 use crate::policy::Policy;
@@ -7,19 +8,19 @@ use crate::stream::{Role, Stream};
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 
-/// One [`Unit`] a vehicle, switched on when the vehicle first appears; it stays on while the vehicle is away.
+/// One [`Unit`] a vehicle, with one table for all or one for each, switched on when the vehicle first appears; it stays on while the vehicle is away.
 pub struct Units<'t> {
-    table: &'t Table<'t>,
+    tables: &'t [Table<'t>],
     /// `[world][vehicle]`.
     units: Vec<Option<Unit<'t, Stream>>>,
 }
 
 impl<'t> Units<'t> {
-    /// Units that run this table.
-    pub fn new(table: &'t Table<'t>, environment: &Environment<'_>) -> Self {
+    /// Units that run these tables.
+    pub fn new(tables: &'t [Table<'t>], environment: &Environment<'_>) -> Self {
         let mut units = Vec::new();
         units.resize_with(environment.worlds() * environment.vehicles(), || None);
-        Self { table, units }
+        Self { tables, units }
     }
 }
 
@@ -27,9 +28,10 @@ impl Policy for Units<'_> {
     fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
         for (world, key) in environment.keys().iter().enumerate() {
             for &vehicle in environment.present() {
+                let table = &self.tables[own(self.tables, vehicle)];
                 let unit = &mut self.units[world * environment.vehicles() + vehicle];
                 let unit = unit.get_or_insert_with(|| {
-                    Unit::new(self.table.bytes(), key.stream(Role::BackOff, vehicle as u32))
+                    Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle as u32))
                 });
                 let event = environment
                     .measurement(world, vehicle)

@@ -1,0 +1,69 @@
+//! Actors of any form: the network for a row of worlds at a time, between the library's own encoder and decoder.
+
+use super::network::LaneNetwork;
+use super::own;
+use crate::decisions::Decisions;
+use crate::environment::Environment;
+use crate::lanes::{LANES, Row};
+use crate::policy::Policy;
+use firmware::form::MAX_INPUTS;
+use firmware::observation::Observation;
+use firmware::table::Table;
+
+/// One table for all vehicles, or one for each. Every group must be small enough for a broadcast.
+pub struct FormActors<'t> {
+    tables: &'t [Table<'t>],
+    networks: Vec<LaneNetwork>,
+    /// `[input][world]`.
+    inputs: [Row<i32>; MAX_INPUTS],
+}
+
+impl<'t> FormActors<'t> {
+    /// Actors that run these tables.
+    pub fn new(tables: &'t [Table<'t>]) -> Self {
+        Self {
+            tables,
+            networks: tables.iter().map(LaneNetwork::new).collect(),
+            inputs: [[0; LANES]; MAX_INPUTS],
+        }
+    }
+}
+
+impl Policy for FormActors<'_> {
+    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+        let vectors = environment.vectors();
+        for block in 0..environment.ages().blocks() {
+            let worlds = block * LANES..environment.worlds().min((block + 1) * LANES);
+            for &vehicle in environment.present() {
+                let table = &self.tables[own(self.tables, vehicle)];
+                let network = &mut self.networks[own(self.tables, vehicle)];
+                let (observation_form, output_form) = (table.observation_form(), table.output_form());
+                let mut observations = [None; LANES];
+                for (lane, world) in worlds.clone().enumerate() {
+                    let Some(measurement) = environment.measurement(world, vehicle) else {
+                        continue;
+                    };
+                    let observation = Observation::new(&measurement);
+                    observation_form.encode(&observation, table.required_sinr(), |codes| {
+                        for (row, &code) in self.inputs.iter_mut().zip(codes) {
+                            row[lane] = i32::from(code);
+                        }
+                    });
+                    observations[lane] = Some(observation);
+                }
+                let inputs = &self.inputs[..observation_form.inputs()];
+                let outputs = vectors.run(
+                    #[inline(always)]
+                    || network.infer(vectors, inputs),
+                );
+                for (lane, world) in worlds.clone().enumerate() {
+                    if let Some(observation) = &observations[lane] {
+                        let outputs = outputs.map(|row| row[lane]);
+                        let decision = output_form.decision(&outputs, observation, table.power_plan());
+                        decisions.set(world, vehicle, decision);
+                    }
+                }
+            }
+        }
+    }
+}
