@@ -7,6 +7,7 @@
 use firmware::table::Table;
 use firmware::tables::DISTILLED;
 use host_sim::command::deadline::as_json;
+use host_sim::deadline::cycles::AROUND_INFERENCE;
 use host_sim::deadline::image::{Images, check_measuring, footprint};
 use host_sim::deadline::{Extent, report};
 
@@ -63,6 +64,13 @@ fn a_slot_costs_what_is_claimed() {
         );
         assert!(value <= *most, "{key}: found {value}, at most {most}");
     }
+
+    // What export adds to an inference without an emulator.
+    let around = report.slot.max - report.actor.counts.kernel.max;
+    assert!(
+        around < AROUND_INFERENCE && 5 * around > 3 * AROUND_INFERENCE,
+        "{around}"
+    );
 
     // What is no image for the chip, or the wrong one of the two, is refused before anything runs.
     let text = footprint(path.as_ref()).unwrap_err().to_string();

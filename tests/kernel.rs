@@ -4,7 +4,7 @@
 use firmware::actor::{DenseLayer, MAX_OUTPUTS, Network, QUAD_ROWS, Scratch};
 use firmware::table::{CHECKSUM, Table};
 use firmware::tables::DISTILLED;
-use host_sim::deadline::cycles::kernel_cost;
+use host_sim::deadline::cycles::{AROUND_INFERENCE, kernel_cost};
 use host_sim::deadline::image::Images;
 use host_sim::deadline::network::PackedNetwork;
 use host_sim::deadline::{NetworkCounts, Subject, fold, measure_networks, measure_slots};
@@ -344,8 +344,11 @@ fn every_form_takes_constant_instructions() {
         let bytes = Contents::in_form(3, observation, output).bytes();
         let table = Table::parse(&bytes).unwrap();
         let stages = measure_slots(&images, 5, 4_000, &table).unwrap_or_else(|error| panic!("{error}"));
+        let stage = |name| stages.iter().find(|stage| stage.name == name).unwrap();
+        let around = stage("slot").range.max - stage("infer").range.max;
+        assert!(around < AROUND_INFERENCE, "{around}");
         for name in ["infer", "decide"] {
-            let stage = stages.iter().find(|stage| stage.name == name).unwrap();
+            let stage = stage(name);
             println!(
                 "{:?}, {:?}: {stage:?}",
                 table.observation_form(),

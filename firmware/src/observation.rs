@@ -174,7 +174,9 @@ impl Observation {
             .wrapping_mul(u32::from(UNIFORM_ONE.unsigned_abs()));
         let encoded = self.encode(required_sinr);
         let levels = encoded.iter().skip(5).take(6).chain(encoded.iter().skip(17));
-        let rest = levels.copied().chain([saturate((uniform >> 16) as i32)]);
+        let rest = levels
+            .copied()
+            .chain([saturate((uniform.wrapping_add(1 << 15) >> 16) as i32)]);
         let mut inputs = [0; ONE_HOT_INPUTS];
         let (ages, others) = inputs.split_at_mut(ONE_HOT_AGES);
         for (slots, input) in (1..).zip(ages) {
@@ -186,7 +188,7 @@ impl Observation {
         inputs
     }
 
-    /// The paper's state, rounded to the nearest code, in the cell's order of sub-channels.
+    /// The paper's state, rounded to the nearest code (or 0.12 of one further off), in the cell's order of sub-channels.
     ///
     /// # Shape
     ///

@@ -16,7 +16,9 @@ fn the_host_binary_describes_the_table_or_says_what_is_wrong() {
             assert!(output.status.success(), "{complaint}");
             let size = format!("{} bytes", table.bytes().len());
             let seed = table.provenance().seed.to_string();
-            for part in ["geometry            20-", "-6 (", &size, &seed, "required SINR"] {
+            let widths: Vec<String> = table.network().widths().map(|width| width.to_string()).collect();
+            let geometry = format!("geometry            {} (", widths.join("-"));
+            for part in [&*geometry, &size, &seed, "required SINR"] {
                 assert!(printed.contains(part), "{part:?} is missing in\n{printed}");
             }
         }

@@ -77,7 +77,7 @@ proptest! {
         prop_assert_eq!(&rest[..6], &common[5..11]);
         prop_assert_eq!(&rest[6..9], &common[17..]);
         let uniform = f64::from(observation.private_uniform()) / 65_536.0 * f64::from(UNIFORM_ONE);
-        prop_assert!((f64::from(rest[9]) - uniform.floor()).abs() < 1e-9);
+        prop_assert!((f64::from(rest[9]) - (uniform + 0.5).floor()).abs() < 1e-9);
     }
 
     #[test]

@@ -23,9 +23,18 @@ pub enum QuantiseError {
         /// Which layer, from 0.
         layer: usize,
     },
+    /// A layer never activates.
+    #[error(
+        "layer {layer}: found no activation above 0 on calibration's inputs, expected some: it computes constants"
+    )]
+    NeverActive {
+        /// Which layer, from 0.
+        layer: usize,
+    },
     /// A row's scale leaves the range of its multiplier.
     #[error(
-        "layer {layer} row {row}: found a scale ratio of {ratio:.3}, expected below 0.5: its results are too small for its weights"
+        "layer {layer} row {row}: found weights whose products are {ratio:.3} steps of a result apart, expected less than half a \
+         step: they are too large for its results"
     )]
     Ratio {
         /// Which layer, from 0.
@@ -77,16 +86,22 @@ pub fn quantise(
         }
         let input_scale = scales[index];
         let range = if index == 0 { [-128.0, 127.0] } else { [0.0, 255.0] };
-        let rows: Vec<f64> = (0..layer.outputs)
+        let rows: Vec<Option<f64>> = (0..layer.outputs)
             .map(|row| row_scale(layer, row, input_scale, range))
             .collect();
         let output_scale = if index + 1 < network.layers.len() {
+            if largest <= 0.0 {
+                return Err(QuantiseError::NeverActive { layer: index });
+            }
             f64::from(largest) / 255.0
         } else {
             // Just above twice the coarsest row's step, so that every ratio is below a half.
-            let coarsest = rows.iter().fold(0.0, |coarsest: f64, &scale| coarsest.max(scale));
-            output_step.unwrap_or(coarsest * input_scale * 2.001)
+            let coarsest = rows.iter().flatten().copied().reduce(f64::max);
+            output_step.unwrap_or(coarsest.unwrap_or(1.0) * input_scale * 2.001)
         };
+        // A row of zeros is its bias alone, in a quarter of its result's steps (chosen).
+        let constant = output_scale / input_scale / 4.0;
+        let rows: Vec<f64> = rows.into_iter().map(|scale| scale.unwrap_or(constant)).collect();
         layers.push(quantise_layer(index, layer, &rows, input_scale, output_scale)?);
         scales.push(output_scale);
     }
@@ -97,13 +112,12 @@ pub fn quantise(
 /// refused, since weights would vanish beside it.
 const COARSEST: f64 = 4.0;
 
-/// Real value of one weight step of a row whose activations have this range.
-fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f64; 2]) -> f64 {
+/// Real value of one weight step of a row whose activations have this range; none for a row of zeros.
+fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f64; 2]) -> Option<f64> {
     let weights = || (0..layer.inputs).map(|input| f64::from(weight(layer, row, input)));
     let largest = weights().fold(0.0, |largest: f64, weight| largest.max(weight.abs()));
-    // A row of zeros has any scale.
     if largest == 0.0 {
-        return 1.0;
+        return None;
     }
     let finest = largest / 127.0;
     // Only even rows have a limit, but which of two rows is even should not change what it computes.
@@ -117,7 +131,7 @@ fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f6
     let rounding = 0.5 * greatest.max(-least) * layer.inputs as f64 + 1.0;
     let limit = f64::from(EVEN_ROW_LIMIT) - rounding;
     let needed = sum(f64::max).max(-sum(f64::min)) / limit;
-    needed.clamp(finest, COARSEST * finest)
+    Some(needed.clamp(finest, COARSEST * finest))
 }
 
 fn weight(layer: &Layer, row: usize, input: usize) -> f32 {
@@ -140,7 +154,6 @@ fn quantise_layer(
     for (row, &scale) in rows.iter().enumerate() {
         let step = scale * input_scale;
         let ratio = step / output_scale;
-        // Also refuses an infinite ratio: a layer that never activates.
         if ratio.is_nan() || ratio >= 0.5 {
             return Err(QuantiseError::Ratio {
                 layer: index,
@@ -206,6 +219,20 @@ mod tests {
         assert!(message(&single(vec![1e-9], vec![1e3])).starts_with("layer 0 row 0: found a bias"));
         let mut deep = single(vec![1.0], vec![0.0]);
         deep.layers.push(deep.layers[0].clone());
-        assert!(message(&deep).starts_with("layer 0 row 0: found a scale ratio"));
+        assert!(message(&deep).starts_with("layer 0: found no activation"));
+        let coarse = quantise(&single(vec![1e3], vec![0.0]), &[], Some(1.0 / 256.0));
+        let coarse = coarse.unwrap_err().to_string();
+        assert!(coarse.starts_with("layer 0 row 0: found weights whose products are 31."));
+    }
+
+    #[test]
+    fn a_row_of_zeros_is_its_bias_and_costs_the_others_nothing() {
+        let with = quantise(&single(vec![1.0, 0.0], vec![0.5, 0.25]), &[], None).unwrap();
+        let without = quantise(&single(vec![1.0], vec![0.5]), &[], None).unwrap();
+        assert_eq!(with.scales, without.scales);
+        let layer = &with.layers[0];
+        let real =
+            f64::from(layer.biases[1]) * f64::from(layer.multipliers[1]) / 4_294_967_296.0 * with.scales[1];
+        assert!((real - 0.25).abs() <= with.scales[1] / 8.0, "{real}");
     }
 }

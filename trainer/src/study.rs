@@ -270,15 +270,15 @@ impl Evaluation {
             });
         };
         if !tables.is_empty() {
-            add("actor", quantised(&simulation, &tables)?);
+            add("actor", quantised(&simulation, &tables, || ())?);
         }
         add(
             "float",
-            float(&simulation, &trained.actors, trained.setting, &[])?.0,
+            float(&simulation, &trained.actors, trained.setting, &[], || ())?.0,
         );
         add(
             "exploring",
-            exploring(&simulation, &trained.actors, trained.setting)?,
+            exploring(&simulation, &trained.actors, trained.setting, || ())?,
         );
         Ok(forms)
     }

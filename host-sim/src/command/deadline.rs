@@ -197,7 +197,7 @@ fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> String {
     format!(
         "{networks}\n{stages}\n\
          Longest slot: {:.0} modelled cycles, {:.1} % of a slot of 1 ms at 168 MHz.\n\
-         Deployed image: {} bytes of flash, {} of static RAM, {} of stack at most.\n\n\
+         Deployed image with its built-in table: {} bytes of flash, {} of static RAM, {} of stack at most.\n\n\
          Instructions: counted in QEMU (-icount), seed {}, {} slots; emulated, not timed on a chip.\n\
          Cycles: a model. Kernel: Cortex-M4 TRM table 3-1 (LDM 1 + n, taken branch 3, multiply-accumulate 1), and 5 wait\n\
          states for each 16 bytes of weights, and once for its code. Other code: 1.6 cycles an instruction and every 16 bytes\n\

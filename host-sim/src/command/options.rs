@@ -79,13 +79,7 @@ pub fn table_bytes(path: Option<&Path>) -> Result<Vec<u8>> {
 /// Names the file and the field that does not fit.
 pub fn parse_table<'t>(path: Option<&Path>, bytes: &'t [u8]) -> Result<Table<'t>> {
     let place = path.map_or("built-in table".to_owned(), |path| path.display().to_string());
-    Table::parse(bytes).map_err(|error| match error.to_string().split_once(": found ") {
-        Some((field, rest)) => {
-            let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "a table"));
-            Error::input(format!("{place}: {field}"), found, expected)
-        }
-        None => Error::input(place, error, "a table"),
-    })
+    Table::parse(bytes).map_err(|error| Error::of_text(place, &error.to_string()))
 }
 
 /// A progress bar on stderr, unless output is for scripts.

@@ -102,6 +102,14 @@ pub fn inference_cycles(network: &Network<'_>, instructions: u64) -> f64 {
     kernel.cycles as f64 + lines * WAIT_STATES + compiled_cycles(around)
 }
 
+/// Instructions of a slot around its inference (chosen: a little more than the longest slot has; `tests/deadline.rs` holds it).
+pub const AROUND_INFERENCE: u64 = 7_000;
+
+/// Modelled cycles of the longest slot with this network, without an emulator.
+pub fn slot_cycles(network: &Network<'_>) -> f64 {
+    inference_cycles(network, kernel_cost(network).instructions) + compiled_cycles(AROUND_INFERENCE)
+}
+
 /// Modelled cycles of compiled code, pessimistic: every line of code is read from flash anew.
 pub fn compiled_cycles(instructions: u64) -> f64 {
     instructions as f64 * (CYCLES_PER_INSTRUCTION + INSTRUCTION_BYTES / LINE * WAIT_STATES)

@@ -120,6 +120,9 @@ const PAPER: [usize; 4] = [7, 1024, 512, 4];
 const LARGE: usize = 100_000;
 const LARGE_SHARE: u32 = 50;
 
+/// Most bytes of a table, beside the few other words of its job: the measuring image leaves 768 KiB of flash.
+const MOST_TABLE: usize = (768 << 10) - 64;
+
 /// Measures everything, with this table in the slots.
 ///
 /// # Errors
@@ -216,6 +219,11 @@ pub fn measure_networks(images: &Images, seed: u64, subjects: &[Subject]) -> Res
 /// # Errors
 /// As [`measure_networks`].
 pub fn measure_slots(images: &Images, seed: u64, slots: u32, table: &Table<'_>) -> Result<Vec<Stage>> {
+    let length = table.bytes().len();
+    if length > MOST_TABLE {
+        let expected = format!("at most {MOST_TABLE}, which fit the chip's flash beside the image");
+        return Err(Error::input("table", format!("{length} bytes"), expected));
+    }
     let (_, stages) = measure(images, &job(seed, Some((slots, table)), &[]))?;
     Ok(stages)
 }

@@ -42,6 +42,13 @@ pub fn check_output(option: &str, output: &Path, inputs: &[PathBuf]) -> Result<(
 /// # Errors
 /// [`Error::File`] names the path; nothing is left behind then.
 pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
+    // A device or a pipe takes bytes; it is not replaced.
+    if path
+        .metadata()
+        .is_ok_and(|found| !found.is_file() && !found.is_dir())
+    {
+        return std::fs::write(path, contents).map_err(|source| Error::file(path, source));
+    }
     publish(stage(path, contents)?, path)
 }
 

@@ -58,7 +58,12 @@ pub fn difference(judged: &AgeSummary, reference: &AgeSummary) -> Result<Differe
 pub fn run(arguments: &CompareArguments) -> Result<()> {
     let mut options = arguments.options.clone();
     if let Some(folder) = &arguments.run {
-        options.table = Some(RunFolder::new(folder).table());
+        let folder = RunFolder::new(folder);
+        if folder.actors().exists() && !folder.table().exists() {
+            let expected = "a run whose vehicles share one network, or --table with one that export made";
+            return Err(Error::input("--run", "a run that left no table", expected));
+        }
+        options.table = Some(folder.table());
     }
     match options.policy.as_slice() {
         [] => options.policy.push(PolicyName::Clock),

@@ -6,7 +6,7 @@ use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::{parse_table, table_bytes, thread_pool};
+use host_sim::command::options::{parse_table, progress_bar, table_bytes, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
 use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
@@ -17,7 +17,7 @@ use host_sim::scenario::Preset;
 use host_sim::simulation::Simulation;
 use serde_json::json;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Options of `eval`.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,19 +51,23 @@ pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>
     let setting = tables
         .first()
         .map_or_else(|| setting(simulation.scenario), Setting::of_table);
-    let float = float(simulation, actors, setting, tables)?;
+    let float = float(simulation, actors, setting, tables, || ())?;
     Ok(Comparison {
         agreement: float.1.unwrap_or(1.0),
-        quantised_age_ms: quantised(simulation, tables)?.mean_ms,
+        quantised_age_ms: quantised(simulation, tables, || ())?.mean_ms,
         float_age_ms: float.0.mean_ms,
     })
 }
 
-/// Ages with the firmware's units and these tables: one for all, or one for each vehicle.
+/// Ages with the firmware's units and these tables: one for all, or one for each vehicle. `ended` is called after each world.
 ///
 /// # Errors
 /// If they do not serve the scenario.
-pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<AgeSummary> {
+pub fn quantised(
+    simulation: &Simulation<'_>,
+    tables: &[Table<'_>],
+    ended: impl Fn() + Sync,
+) -> Result<AgeSummary> {
     let vehicles = simulation.source.most_vehicles(simulation.scenario);
     for table in tables {
         PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
@@ -72,7 +76,7 @@ pub fn quantised(simulation: &Simulation<'_>, tables: &[Table<'_>]) -> Result<Ag
         check_vehicles(simulation, tables.len())?;
     }
     let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> { actor::build(environment, tables) };
-    Ok(simulation.run(build, |_| ())?.0)
+    Ok(simulation.run(build, |_| ended())?.0)
 }
 
 /// Ages with the greedy float networks, and the fraction of decisions that the tables share, if there are any.
@@ -84,13 +88,14 @@ pub fn float(
     actors: &Actors,
     setting: Setting,
     tables: &[Table<'_>],
+    ended: impl Fn() + Sync,
 ) -> Result<(AgeSummary, Option<f64>)> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
     let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
         Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
     };
-    let (ages, _) = simulation.run(build, |_| ())?;
+    let (ages, _) = simulation.run(build, |_| ended())?;
     Ok((ages, agreement.fraction()))
 }
 
@@ -98,13 +103,18 @@ pub fn float(
 ///
 /// # Errors
 /// As [`float`].
-pub fn exploring(simulation: &Simulation<'_>, actors: &Actors, setting: Setting) -> Result<AgeSummary> {
+pub fn exploring(
+    simulation: &Simulation<'_>,
+    actors: &Actors,
+    setting: Setting,
+    ended: impl Fn() + Sync,
+) -> Result<AgeSummary> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
     let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
         Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
     };
-    Ok(simulation.run(build, |_| ())?.0)
+    Ok(simulation.run(build, |_| ended())?.0)
 }
 
 fn check_actors(simulation: &Simulation<'_>, actors: &Actors) -> Result<()> {
@@ -148,14 +158,13 @@ impl TrainedActors {
         let (setting, tables) = match &identity {
             // Each vehicle's own table, or one of a run that is still going on, is made when it is asked for.
             Some(identity) if !folder.table().exists() => {
-                let tables = actor_tables(identity, &actors);
+                let tables = actor_tables(identity, &actors, 0..actors.networks.len());
                 (setting(&identity.configuration.scenario), tables)
             }
             _ => {
-                let bytes = table_bytes(Some(&folder.table()))?;
-                let table = parse_table(Some(&folder.table()), &bytes)?;
-                check_belongs(folder, &actors, identity.as_ref(), &table)?;
-                (Setting::of_table(&table), Ok(vec![bytes.clone()]))
+                let bytes = own_table(folder, &actors, identity.as_ref())?;
+                let setting = Setting::of_table(&parse_table(Some(&folder.table()), &bytes)?);
+                (setting, Ok(vec![bytes]))
             }
         };
         let (tables, obstacle) = match tables {
@@ -183,7 +192,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let Some(folder) = &arguments.run else {
         let prepared = options.prepare()?;
         let results = pool.install(|| prepared.results(options.json))?;
-        report(&prepared, &results, None, options.json);
+        report(&prepared, &results, None, None, options.json);
         return Ok(());
     };
     let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
@@ -200,9 +209,10 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         prepared.policies.sort();
         prepared.policies.dedup();
     }
-    let (mut results, agreement) = pool.install(|| trained_results(&prepared, &trained))?;
+    let (mut results, agreement) = pool.install(|| trained_results(&prepared, &trained, options.json))?;
     results.extend(pool.install(|| prepared.results(options.json))?);
-    report(&prepared, &results, agreement, options.json);
+    let obstacle = trained.obstacle.as_ref();
+    report(&prepared, &results, agreement, obstacle, options.json);
     Ok(())
 }
 
@@ -264,6 +274,7 @@ fn check_radio(prepared: &PreparedRun, known: Setting) -> Result<()> {
 fn trained_results(
     prepared: &PreparedRun,
     trained: &TrainedActors,
+    hide_progress: bool,
 ) -> Result<(Vec<PolicyResult>, Option<f64>)> {
     let simulation = prepared.simulation();
     let tables: Result<Vec<Table<'_>>> = trained
@@ -280,24 +291,36 @@ fn trained_results(
         traffic: None,
         slots_per_second: slots / start.elapsed().as_secs_f64(),
     };
+    let forms = 2 + u64::from(!tables.is_empty());
+    let template = "{msg:14} {bar:40} {pos}/{len} worlds, {elapsed}, {eta} left";
+    let progress = progress_bar(forms * u64::from(extent.worlds), template, hide_progress);
+    progress.enable_steady_tick(Duration::from_secs(1));
+    let ended = || progress.inc(1);
     let mut results = Vec::new();
     if !tables.is_empty() {
+        progress.set_message("actor");
         let start = Instant::now();
-        results.push(result("actor", quantised(&simulation, &tables)?, start));
+        results.push(result("actor", quantised(&simulation, &tables, ended)?, start));
     }
+    progress.set_message("float");
     let start = Instant::now();
-    let (ages, agreement) = float(&simulation, actors, setting, &tables)?;
+    let (ages, agreement) = float(&simulation, actors, setting, &tables, ended)?;
     results.push(result("float", ages, start));
+    progress.set_message("exploring");
     let start = Instant::now();
-    results.push(result(
-        "exploring",
-        exploring(&simulation, actors, setting)?,
-        start,
-    ));
+    let ages = exploring(&simulation, actors, setting, ended)?;
+    results.push(result("exploring", ages, start));
+    progress.finish_and_clear();
     Ok((results, agreement))
 }
 
-fn report(prepared: &PreparedRun, results: &[PolicyResult], agreement: Option<f64>, json: bool) {
+fn report(
+    prepared: &PreparedRun,
+    results: &[PolicyResult],
+    agreement: Option<f64>,
+    obstacle: Option<&Error>,
+    json: bool,
+) {
     let mut object = prepared.to_json(results);
     let mean = |name: &str| {
         results
@@ -316,19 +339,47 @@ fn report(prepared: &PreparedRun, results: &[PolicyResult], agreement: Option<f6
         object["float_mean_age_ms"] = json!(float);
         object["age_lost_ms"] = json!(lost);
         object["agreement"] = json!(agreement);
+        object["no_table_because"] = json!(obstacle.map(Error::to_string));
         if !json {
-            match lost.zip(agreement) {
-                Some((lost, agreement)) => say!(
+            match (lost.zip(agreement), obstacle) {
+                (Some((lost, agreement)), _) => say!(
                     "Actor: int8 as deployed. Float: greedy too; int8 loses {lost:.3} ms, and {:.3} % of decisions agree.",
                     100.0 * agreement
                 ),
-                None => say!("No table holds this actor, so it has no int8 form. Float: greedy."),
+                (None, Some(obstacle)) => say!("No int8 form: {obstacle}. Float: greedy."),
+                (None, None) => say!("Float: greedy."),
             }
             say!("Exploring: as in training, drawn or with noise.");
         }
     }
     if json {
         say!("{object}");
+    }
+}
+
+/// The table that a run left.
+fn own_table(folder: &RunFolder, actors: &Actors, identity: Option<&RunIdentity>) -> Result<Vec<u8>> {
+    let bytes = table_bytes(Some(&folder.table()))?;
+    check_belongs(
+        folder,
+        actors,
+        identity,
+        &parse_table(Some(&folder.table()), &bytes)?,
+    )?;
+    Ok(bytes)
+}
+
+/// The table of one of a run's networks: what the run left, or made anew.
+///
+/// # Errors
+/// If there is none, or if it is of something else.
+pub fn table_of(folder: &RunFolder, actors: &Actors, vehicle: usize) -> Result<Vec<u8>> {
+    let identity = folder.read_identity()?;
+    match &identity {
+        Some(identity) if !folder.table().exists() => {
+            Ok(actor_tables(identity, actors, vehicle..vehicle + 1)?.swap_remove(0))
+        }
+        _ => own_table(folder, actors, identity.as_ref()),
     }
 }
 
@@ -402,29 +453,32 @@ mod tests {
             },
         };
         let setting = setting(simulation.scenario);
-        let bytes = actor_tables(&identity, &shared).unwrap().remove(0);
+        let bytes = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
         let table = parse_table(None, &bytes).unwrap();
         let tables = vec![table.clone(); 3];
         let ages = [
-            quantised(&simulation, &[table]).unwrap(),
-            quantised(&simulation, &tables).unwrap(),
+            quantised(&simulation, &[table], || ()).unwrap(),
+            quantised(&simulation, &tables, || ()).unwrap(),
         ];
         assert_eq!(ages[0].mean_ms, ages[1].mean_ms);
-        let (alone, _) = float(&simulation, &shared, setting, &[]).unwrap();
-        let (each, agreement) = float(&simulation, &own, setting, &tables).unwrap();
+        let (alone, _) = float(&simulation, &shared, setting, &[], || ()).unwrap();
+        let (each, agreement) = float(&simulation, &own, setting, &tables, || ()).unwrap();
         assert_eq!(alone.mean_ms, each.mean_ms);
         assert!(agreement.unwrap() > 0.9);
-        let ages = [&shared, &own].map(|actors| exploring(&simulation, actors, setting).unwrap().mean_ms);
+        let ages =
+            [&shared, &own].map(|actors| exploring(&simulation, actors, setting, || ()).unwrap().mean_ms);
         assert_eq!(ages[0], ages[1]);
         assert_ne!(ages[0], alone.mean_ms);
         // Each own table is calibrated on what its vehicle sees.
-        assert_eq!(actor_tables(&identity, &own).unwrap().len(), 3);
+        assert_eq!(actor_tables(&identity, &own, 0..3).unwrap().len(), 3);
 
         let fewer = Actors {
             networks: own.networks[..2].to_vec(),
             ..own
         };
-        let message = float(&simulation, &fewer, setting, &[]).unwrap_err().to_string();
+        let message = float(&simulation, &fewer, setting, &[], || ())
+            .unwrap_err()
+            .to_string();
         assert_eq!(
             message,
             "vehicles: found 3, expected at most 2, each with an actor of its own"

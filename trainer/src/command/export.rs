@@ -2,14 +2,14 @@
 //! seed gives.
 
 use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
-use crate::command::eval::TrainedActors;
+use crate::command::eval::table_of;
 use crate::distil::Recipe;
 use crate::export::table_source;
 use crate::onnx;
 use crate::run_folder::RunFolder;
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, thread_pool};
-use host_sim::deadline::cycles::{SLOT_CYCLES, inference_cycles, kernel_cost};
+use host_sim::deadline::cycles::{SLOT_CYCLES, slot_cycles};
 use host_sim::error::{Error, Result};
 use host_sim::report::files::{check_output, write_whole};
 use host_sim::revision::revision_text;
@@ -69,15 +69,16 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
         }
         return Ok(());
     }
-    let bytes = match &arguments.run {
+    let source = workspace_folder().join("firmware/src/tables/distilled.rs");
+    let run = arguments.run.as_ref().map(|folder| RunFolder::new(folder));
+    let mut inputs = run.iter().flat_map(RunFolder::records).collect::<Vec<_>>();
+    inputs.push(source.clone());
+    check_output("--out", &arguments.out, &inputs)?;
+    let bytes = match &run {
         Some(folder) => {
-            let folder = RunFolder::new(folder);
-            let trained = pool.install(|| TrainedActors::read(&folder))?;
-            if let Some(obstacle) = trained.obstacle {
-                return Err(obstacle);
-            }
-            let vehicle = chosen(trained.tables.len(), arguments.vehicle)?;
-            trained.tables[vehicle].clone()
+            let actors = folder.read_actors()?;
+            let vehicle = chosen(actors.networks.len(), arguments.vehicle)?;
+            pool.install(|| table_of(folder, &actors, vehicle))?
         }
         None => {
             let recipe = Recipe {
@@ -95,33 +96,28 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
             .bytes
         }
     };
-    let place = arguments
-        .run
-        .as_ref()
-        .map(|folder| RunFolder::new(folder).table());
+    let place = run.as_ref().map(RunFolder::table);
     let table = parse_table(place.as_deref(), &bytes)?;
-    let source = workspace_folder().join("firmware/src/tables/distilled.rs");
     let command = "cargo run --release -p trainer -- export";
-    let share = slot_share(&table);
     write_whole(&arguments.out, &bytes)?;
     let out = arguments.out.display();
-    let message = if share < 1.0 {
+    // A unit whose slots are too long for its decisions misses every one of them.
+    let fits = slot_share(&table) < 1.0;
+    let message = if fits {
         write_whole(&source, table_source(&table, "DISTILLED", command).as_bytes())?;
         format!("Wrote {} and {out}.", source.display())
     } else {
         format!(
-            "Wrote {out}, but not the firmware's sources: an inference takes {share:.1} slots of 1 ms there. The simulator runs \
-             the table (--table)."
+            "Wrote {out}, but not the firmware's sources: it does not meet the slot. The simulator runs it (--table)."
         )
     };
-    report(arguments.json, &table, &message);
+    report(arguments.json, &table, &message, fits.then_some(&source));
     Ok(())
 }
 
-/// One inference in slots of 1 ms: modelled, without what is around it.
+/// The longest slot with this table over 1 ms, modelled.
 fn slot_share(table: &Table<'_>) -> f64 {
-    let network = table.network();
-    inference_cycles(network, kernel_cost(network).instructions) / SLOT_CYCLES
+    slot_cycles(table.network()) / SLOT_CYCLES
 }
 
 /// Index of the actor that is meant.
@@ -131,7 +127,10 @@ fn chosen(actors: usize, vehicle: Option<usize>) -> Result<usize> {
         (_, Some(vehicle)) if vehicle < actors => Ok(vehicle),
         (_, vehicle) => {
             let found = vehicle.map_or("none".to_owned(), |vehicle| vehicle.to_string());
-            let expected = format!("0 to {}: each vehicle has an actor of its own", actors - 1);
+            let expected = match actors {
+                1 => "0 or none: all vehicles share one actor".to_owned(),
+                _ => format!("0 to {}: each vehicle has an actor of its own", actors - 1),
+            };
             Err(Error::input("--vehicle", found, expected))
         }
     }
@@ -166,11 +165,12 @@ fn check(json: bool) -> Result<()> {
         json,
         &shipped,
         "The shipped table is what its seed gives, byte for byte.",
+        None,
     );
     Ok(())
 }
 
-fn report(json: bool, table: &Table<'_>, message: &str) {
+fn report(json: bool, table: &Table<'_>, message: &str, source: Option<&PathBuf>) {
     let provenance = table.provenance();
     let revision = revision_text(&provenance.revision);
     if json {
@@ -179,13 +179,17 @@ fn report(json: bool, table: &Table<'_>, message: &str) {
             "source_revision": revision,
             "source_modified": provenance.modified,
             "table_bytes": table.bytes().len(),
-            "inference_modelled_slots": slot_share(table),
+            "max_vehicles": table.max_vehicles(),
+            "slot_modelled_share": slot_share(table),
+            "firmware_source": source,
         });
         say!("{object}");
     } else {
         say!(
-            "{message} {} bytes, seed {}, source revision {revision}; an inference takes {:.1} % of a slot (modelled).",
+            "{message}\n{} bytes for up to {} vehicles, seed {}, source revision {revision}. The longest slot takes {:.1} % of 1 ms \
+             (modelled).",
             table.bytes().len(),
+            table.max_vehicles(),
             provenance.seed,
             100.0 * slot_share(table)
         );

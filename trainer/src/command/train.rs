@@ -1,6 +1,6 @@
 //! `trainer train`: runs a learning algorithm, saves it as it goes, and goes on with it after an interruption.
 
-use crate::actor_table::actor_tables;
+use crate::actor_table::{actor_tables, check_widths};
 use crate::laboratory::checkpoint;
 use crate::laboratory::configuration::{ConfigurationSource, Preset};
 use crate::laboratory::learner::{Learner, Metrics, name};
@@ -166,14 +166,18 @@ fn conclude(
         write_whole(&folder.onnx(), &model)?;
     }
     // An actor may not fit a table; that is a finding, not a failure of the training.
-    let (table, obstacle) = if actors.shared() {
-        match actor_tables(identity, &actors) {
-            Ok(tables) => (tables.into_iter().next(), None),
-            Err(error) => (None, Some(error.to_string())),
-        }
+    let made = if actors.shared() {
+        actor_tables(identity, &actors, 0..1).map(|tables| tables.into_iter().next())
     } else {
-        let several = "one actor for each vehicle: see export --vehicle";
-        (None, Some(several.to_owned()))
+        check_widths(&actors).map(|()| None)
+    };
+    let (table, obstacle) = match made {
+        Ok(Some(table)) => (Some(table), None),
+        Ok(None) => (
+            None,
+            Some("one actor for each vehicle; export --vehicle makes its table".to_owned()),
+        ),
+        Err(error) => (None, Some(error.to_string())),
     };
     let report = json!({
         "algorithm": identity.configuration.algorithm.name(),

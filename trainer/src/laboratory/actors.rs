@@ -2,6 +2,7 @@
 
 use super::forms::{ObservationForm, OutputForm};
 use crate::network::Network;
+use firmware::units::{Period, SUB_CHANNELS};
 use host_sim::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,9 @@ pub struct Actors {
     pub networks: Vec<Network>,
 }
 
+/// Most vehicles of a cell with groups: three of 100.
+const MOST_VEHICLES: u32 = (SUB_CHANNELS * Period::MAX as usize) as u32;
+
 impl Actors {
     /// The network of a vehicle; with one network, everybody's.
     pub fn network(&self, vehicle: usize) -> &Network {
@@ -51,6 +55,12 @@ impl Actors {
             return Err(Error::input("actors", "no network", "at least one"));
         };
         let widths = first.widths();
+        let (least, most) = (self.form.min_vehicles, self.form.max_vehicles);
+        if least == 0 || least > most || most > MOST_VEHICLES {
+            let found = format!("{least} to {most} vehicles");
+            let expected = format!("1 to {MOST_VEHICLES}, the fewest first");
+            return Err(Error::input("actors", found, expected));
+        }
         let expected = (self.form.observation.length(), self.form.output.length());
         if (widths.first(), widths.last()) != (Some(&expected.0), Some(&expected.1)) {
             let expected = format!("{} inputs and {} outputs", expected.0, expected.1);
