@@ -3,9 +3,12 @@
 //! [`learner`] is the algorithm, `update` its arithmetic; [`options`] what may be changed about it; [`arena`] where it plays. Networks run on the own
 //! kernels of [`crate::product`], [`perceptron`] and [`optimiser`], because they give the same bits on every machine and with any
 //! number of threads, and use AVX-512 where it is; every gradient is checked against finite differences.
+//! `cargo test -p trainer --features burn burn` repeats the paper's updates in burn's automatic differentiation.
 
 pub mod actions;
 pub mod arena;
+#[cfg(all(test, feature = "burn"))]
+mod burn_tests;
 pub mod choice;
 pub mod critic;
 pub mod flat_critic;
