@@ -2,6 +2,7 @@
 //!
 //! A learner gives its first parameters, its options, its batches and its draws of noise, but none of its arithmetic. Burn counts in
 //! f64, so that what differs is our own rounding.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use super::learner::MaddpgLearner;
 use super::optimiser::Learned;
