@@ -15,7 +15,6 @@ use super::Policy;
 use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
-use firmware::actor::MAX_OUTPUTS;
 use firmware::decision::{ACTIONS, Action, JOINER_LEVELS, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
@@ -78,7 +77,7 @@ impl Policy for LaneActor {
                     for &vehicle in environment.present() {
                         let view = self.encoder.view(environment, block, vehicle);
                         self.encoder.encode(&view, &mut self.inputs);
-                        let actions = largest(&self.network.infer(vectors, &self.inputs));
+                        let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
                         let (sub_channel, power) = decisions.rows_mut(block, vehicle);
                         *sub_channel = sub_channels(&view, &actions);
                         *power = powers(&self.power_plan, &view, &actions);
@@ -87,20 +86,6 @@ impl Policy for LaneActor {
             );
         }
     }
-}
-
-/// The actions with the largest outputs as indices of [`Action::ALL`]; of equal ones the first.
-#[inline(always)]
-fn largest(outputs: &[Row<i32>; MAX_OUTPUTS]) -> Row<i32> {
-    let (mut best, mut most) = ([0; LANES], [i32::MIN; LANES]);
-    for (action, row) in outputs.iter().enumerate().take(ACTIONS) {
-        for lane in 0..LANES {
-            let better = i32::from(row[lane] > most[lane]).wrapping_neg();
-            best[lane] = (better & action as i32) | (!better & best[lane]);
-            most[lane] = most[lane].max(row[lane]);
-        }
-    }
-    best
 }
 
 /// Home, or silence.

@@ -56,6 +56,36 @@ impl LaneNetwork {
     /// The outputs for encoded observations, `[input][world]`, each in the range of i8; those that the network does not have are 0.
     #[inline(always)]
     pub fn infer(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> [Row<i32>; MAX_OUTPUTS] {
+        self.run_hidden(vectors, inputs);
+        let mut outputs = [[0; LANES]; MAX_OUTPUTS];
+        let output = self.layers.last().into_iter().flatten();
+        for (outputs, quad) in outputs.as_chunks_mut::<QUAD>().0.iter_mut().zip(output) {
+            *outputs = quad.scaled(vectors, &self.now);
+        }
+        outputs
+    }
+
+    /// Indices of the largest of the first `COUNT` outputs; of equal ones the first. Quad by quad, so that no output is stored.
+    #[inline(always)]
+    pub fn largest<const COUNT: usize>(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> Row<i32> {
+        self.run_hidden(vectors, inputs);
+        let (mut best, mut most) = ([0; LANES], [i32::MIN; LANES]);
+        for (index, quad) in self.layers.last().into_iter().flatten().enumerate() {
+            let rows = quad.scaled(vectors, &self.now);
+            for (output, row) in (index * QUAD..COUNT).zip(&rows) {
+                for lane in 0..LANES {
+                    let better = i32::from(row[lane] > most[lane]).wrapping_neg();
+                    best[lane] = (better & output as i32) | (!better & best[lane]);
+                    most[lane] = most[lane].max(row[lane]);
+                }
+            }
+        }
+        best
+    }
+
+    /// The activations behind the last hidden layer.
+    #[inline(always)]
+    fn run_hidden(&mut self, vectors: Vectors, inputs: &[Row<i32>]) {
         let (pairs, last) = inputs.as_chunks::<2>();
         for (now, inputs) in self.now.iter_mut().zip(pairs) {
             for lane in 0..LANES {
@@ -65,9 +95,8 @@ impl LaneNetwork {
         if let [last] = last {
             self.now[pairs.len()] = last.map(|input| pair(input, 0));
         }
-        let mut outputs = [[0; LANES]; MAX_OUTPUTS];
-        let Some((output, hidden)) = self.layers.split_last() else {
-            return outputs;
+        let Some((_, hidden)) = self.layers.split_last() else {
+            return;
         };
         for layer in hidden {
             for (quad, next) in layer.iter().zip(self.next.as_chunks_mut::<{ QUAD / 2 }>().0) {
@@ -81,10 +110,6 @@ impl LaneNetwork {
             }
             std::mem::swap(&mut self.now, &mut self.next);
         }
-        for (outputs, quad) in outputs.as_chunks_mut::<QUAD>().0.iter_mut().zip(output) {
-            *outputs = quad.scaled(vectors, &self.now);
-        }
-        outputs
     }
 }
 
