@@ -130,6 +130,11 @@ const MOST_TABLE: usize = (768 << 10) - 64;
 pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Report> {
     let footprint = image::footprint(&images.deployed)?;
     image::check_measuring(&images.measuring)?;
+    let length = table.bytes().len();
+    if length > MOST_TABLE {
+        let expected = format!("at most {MOST_TABLE}, which fit the chip's flash beside the image");
+        return Err(Error::input("table", format!("{length} bytes"), expected));
+    }
     let random = |widths: &[usize]| PackedNetwork::random(extent.seed, widths);
     // One job each: two large networks have no room beside each other.
     let measured = |network: PackedNetwork| {
@@ -219,11 +224,6 @@ pub fn measure_networks(images: &Images, seed: u64, subjects: &[Subject]) -> Res
 /// # Errors
 /// As [`measure_networks`].
 pub fn measure_slots(images: &Images, seed: u64, slots: u32, table: &Table<'_>) -> Result<Vec<Stage>> {
-    let length = table.bytes().len();
-    if length > MOST_TABLE {
-        let expected = format!("at most {MOST_TABLE}, which fit the chip's flash beside the image");
-        return Err(Error::input("table", format!("{length} bytes"), expected));
-    }
     let (_, stages) = measure(images, &job(seed, Some((slots, table)), &[]))?;
     Ok(stages)
 }

@@ -1,7 +1,7 @@
 //! Actors of any form: the network for a row of worlds at a time, between the library's own encoder and decoder.
 
 use super::network::LaneNetwork;
-use super::own;
+use super::table_index;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
@@ -35,8 +35,8 @@ impl Policy for FormActors<'_> {
         for block in 0..environment.ages().blocks() {
             let worlds = block * LANES..environment.worlds().min((block + 1) * LANES);
             for &vehicle in environment.present() {
-                let table = &self.tables[own(self.tables, vehicle)];
-                let network = &mut self.networks[own(self.tables, vehicle)];
+                let table = &self.tables[table_index(self.tables, vehicle)];
+                let network = &mut self.networks[table_index(self.tables, vehicle)];
                 let (observation_form, output_form) = (table.observation_form(), table.output_form());
                 let mut observations = [None; LANES];
                 for (lane, world) in worlds.clone().enumerate() {

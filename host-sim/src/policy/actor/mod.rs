@@ -41,9 +41,9 @@ pub fn build<'t>(environment: &Environment<'_>, tables: &'t [Table<'t>]) -> Box<
     }
 }
 
-/// The table of a vehicle; with one table, everybody's.
-fn own<T>(each: &[T], vehicle: usize) -> usize {
-    vehicle.min(each.len().saturating_sub(1))
+/// Which table is a vehicle's own; with one table, everybody's.
+fn table_index(tables: &[Table<'_>], vehicle: usize) -> usize {
+    vehicle.min(tables.len().saturating_sub(1))
 }
 
 /// Decides for a row of worlds at a time. Every group must be small enough for a broadcast.

@@ -1,6 +1,6 @@
 //! The firmware's own units, one a vehicle: slow, and able to decide without a measurement.
 
-use super::own;
+use super::table_index;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
 use crate::policy::Policy;
@@ -28,7 +28,7 @@ impl Policy for Units<'_> {
     fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
         for (world, key) in environment.keys().iter().enumerate() {
             for &vehicle in environment.present() {
-                let table = &self.tables[own(self.tables, vehicle)];
+                let table = &self.tables[table_index(self.tables, vehicle)];
                 let unit = &mut self.units[world * environment.vehicles() + vehicle];
                 let unit = unit.get_or_insert_with(|| {
                     Unit::new(table.bytes(), key.stream(Role::BackOff, vehicle as u32))
