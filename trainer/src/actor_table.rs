@@ -146,7 +146,7 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
 mod tests {
     use super::*;
     use crate::command::eval::compare;
-    use crate::laboratory::configuration::{ConfigurationSource, Preset};
+    use crate::laboratory::configuration::Preset;
     use host_sim::command::options::parse_table;
     use host_sim::simulation::{Extent, Simulation};
 
@@ -161,20 +161,15 @@ mod tests {
         ];
         for (observation, action, silence) in forms {
             let settings = [
-                "scenario.cell.vehicles=3".to_owned(),
-                "maddpg.actor_hidden=[300, 24]".to_owned(),
-                "maddpg.local_critic_hidden=[8]".to_owned(),
-                "maddpg.global_critic_hidden=[8]".to_owned(),
-                format!("maddpg.observation={observation:?}"),
-                format!("maddpg.action={action:?}"),
-                format!("maddpg.silence={silence}"),
+                "scenario.cell.vehicles=3",
+                "maddpg.actor_hidden=[300, 24]",
+                "maddpg.local_critic_hidden=[8]",
+                "maddpg.global_critic_hidden=[8]",
+                &format!("maddpg.observation={observation:?}"),
+                &format!("maddpg.action={action:?}"),
+                &format!("maddpg.silence={silence}"),
             ];
-            let source = ConfigurationSource {
-                preset: Preset::Companion,
-                file: None,
-                settings: settings.to_vec(),
-            };
-            let identity = RunIdentity::new(1, source.read().unwrap());
+            let identity = RunIdentity::new(1, Preset::Companion.with(&settings).unwrap());
             let mut learner = identity.configuration.learner(1).unwrap();
             let _metrics = learner.advance();
             let actors = learner.actors();

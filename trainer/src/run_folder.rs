@@ -327,6 +327,7 @@ fn read_network(place: &str, tensors: &SafeTensors<'_>, prefix: &str) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::laboratory::configuration::Preset;
     use crate::laboratory::forms::{ObservationForm, OutputForm};
     use crate::laboratory::random;
 
@@ -387,13 +388,7 @@ mod tests {
     fn a_folder_is_claimed_by_one_run_and_one_process() {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::new(folder.path());
-        let configuration = crate::laboratory::configuration::ConfigurationSource {
-            preset: crate::laboratory::configuration::Preset::Evolution,
-            file: None,
-            settings: Vec::new(),
-        }
-        .read()
-        .unwrap();
+        let configuration = Preset::Evolution.with(&[]).unwrap();
         let identity = |seed| RunIdentity::new(seed, configuration.clone());
         let message = |seed, resume| run.claim(&identity(seed), resume).unwrap_err().to_string();
         let lock = run.claim(&identity(1), false).unwrap();

@@ -422,19 +422,15 @@ fn check_belongs(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::laboratory::configuration::{ConfigurationSource, Preset};
+    use crate::laboratory::configuration::Preset;
     use host_sim::mobility::MobilitySource;
     use host_sim::simulation::Extent;
 
     /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
     #[test]
     fn own_actors_that_are_equal_are_one_shared_actor() {
-        let source = ConfigurationSource {
-            preset: Preset::Evolution,
-            file: None,
-            settings: vec!["scenario.cell.vehicles=3".to_owned()],
-        };
-        let identity = RunIdentity::new(1, source.read().unwrap());
+        let configuration = Preset::Evolution.with(&["scenario.cell.vehicles=3"]);
+        let identity = RunIdentity::new(1, configuration.unwrap());
         let mut learner = identity.configuration.learner(1).unwrap();
         let _metrics = learner.advance();
         let shared = learner.actors();

@@ -189,23 +189,27 @@ impl Configuration {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::ValueEnum as _;
-
-    fn read(preset: Preset, settings: &[&str]) -> Result<Configuration> {
+impl Preset {
+    /// This preset with `KEY=VALUE` settings, for tests.
+    pub fn with(self, settings: &[&str]) -> Result<Configuration> {
         ConfigurationSource {
-            preset,
+            preset: self,
             file: None,
             settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
         }
         .read()
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum as _;
 
     #[test]
     fn presets_are_complete_and_valid() {
         for preset in Preset::value_variants() {
-            let configuration = read(*preset, &["scenario.cell.vehicles=7"]).unwrap();
+            let configuration = preset.with(&["scenario.cell.vehicles=7"]).unwrap();
             assert_eq!(configuration.scenario.cell.vehicles, 7);
             let written = serde_json::to_string(&configuration).unwrap();
             assert_eq!(
@@ -217,7 +221,7 @@ mod tests {
 
     #[test]
     fn bad_settings_name_key_and_expectation() {
-        let message = |setting: &str| read(Preset::Evolution, &[setting]).unwrap_err().to_string();
+        let message = |setting: &str| Preset::Evolution.with(&[setting]).unwrap_err().to_string();
         assert!(
             message("evolution.poulation=3").starts_with(
                 "--set evolution.poulation: found an unknown key, expected one of evolution.elite"

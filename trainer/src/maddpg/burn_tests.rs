@@ -8,7 +8,7 @@ use super::learner::MaddpgLearner;
 use super::optimiser::Learned;
 use super::options::Maddpg;
 use super::replay::Batch;
-use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+use crate::laboratory::configuration::Preset;
 use crate::laboratory::learner::Learner as _;
 use crate::laboratory::random;
 use burn_tensor::activation::relu;
@@ -285,16 +285,7 @@ fn learner() -> MaddpgLearner {
         "maddpg.age_cap=10",
         "maddpg.smoothing_clip=0.2",
     ];
-    let source = ConfigurationSource {
-        preset: Preset::Companion,
-        file: None,
-        settings: settings.map(str::to_owned).to_vec(),
-    };
-    let configuration = source.read().unwrap();
-    let Algorithm::Maddpg(options) = &configuration.algorithm else {
-        unreachable!("the preset's algorithm");
-    };
-    let mut learner = MaddpgLearner::new(&configuration.scenario, options, 1);
+    let mut learner = MaddpgLearner::of_preset(Preset::Companion, &settings);
     // Twice as large as usual, so that they count beside the rewards.
     let local = learner
         .local_critics

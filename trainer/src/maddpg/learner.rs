@@ -15,6 +15,8 @@ use super::options::{CriticForm, Maddpg, Updates};
 use super::perceptron::Perceptron;
 use super::replay::{Batch, Extent, Replay};
 use super::set_critic::SetCritic;
+#[cfg(test)]
+use crate::laboratory::configuration::{Algorithm, Configuration, Preset};
 use crate::laboratory::random;
 use host_sim::scenario::Scenario;
 use host_sim::stream::Stream;
@@ -277,3 +279,18 @@ fn begin_actors(actors: &mut Group, options: &Maddpg, set: ActionSet) {
 
 /// A score that no other comes near: the action is never chosen.
 const NEVER: f32 = -1e9;
+
+#[cfg(test)]
+impl MaddpgLearner {
+    /// The learner of a preset with `KEY=VALUE` settings and seed 1, for tests.
+    pub(super) fn of_preset(preset: Preset, settings: &[&str]) -> Self {
+        match preset.with(settings) {
+            Ok(Configuration {
+                algorithm: Algorithm::Maddpg(options),
+                scenario,
+                ..
+            }) => Self::new(&scenario, &options, 1),
+            other => panic!("{other:?}"),
+        }
+    }
+}

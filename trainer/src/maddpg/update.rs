@@ -366,7 +366,7 @@ fn interpolate(first: f32, last: f32, progress: f32) -> f32 {
 mod tests {
     use super::super::learner::LEARNING;
     use super::*;
-    use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+    use crate::laboratory::configuration::Preset;
     use crate::laboratory::learner::Learner as _;
     use crate::laboratory::random;
 
@@ -386,16 +386,7 @@ mod tests {
             "maddpg.discount=0.5",
             "maddpg.delay=1",
         ];
-        let source = ConfigurationSource {
-            preset: Preset::Paper,
-            file: None,
-            settings: settings.map(str::to_owned).to_vec(),
-        };
-        let configuration = source.read().unwrap();
-        let Algorithm::Maddpg(options) = &configuration.algorithm else {
-            unreachable!("the preset's algorithm");
-        };
-        let mut learner = MaddpgLearner::new(&configuration.scenario, options, 1);
+        let mut learner = MaddpgLearner::of_preset(Preset::Paper, &settings);
         let constant = |learned: &mut Learned, value: f32| {
             let mut parameters = vec![0.0; learned.parameters.len()];
             *parameters.last_mut().unwrap() = value;

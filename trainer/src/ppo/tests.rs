@@ -4,7 +4,7 @@ use super::loss::{Taken, clipped_surrogate, huber};
 use super::optimiser::{Optimiser, Rates};
 use super::rollout::{Arena, play};
 use super::{PpoLearner, Recipe};
-use crate::laboratory::configuration::{Algorithm, Configuration, ConfigurationSource, Preset};
+use crate::laboratory::configuration::{Algorithm, Configuration, Preset};
 use crate::laboratory::game::Game;
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
@@ -14,12 +14,7 @@ use host_sim::error::Result;
 use host_sim::stream::Stream;
 
 fn read(settings: &[&str]) -> Result<Configuration> {
-    ConfigurationSource {
-        preset: Preset::Ppo,
-        file: None,
-        settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
-    }
-    .read()
+    Preset::Ppo.with(settings)
 }
 
 fn recipe(settings: &[&str]) -> Recipe {
