@@ -9,6 +9,10 @@ use pulp::{Arch, Simd, WithSimd};
 /// Rows of a register tile: 6 x 4 vectors fill 24 of the 32 registers of AVX-512.
 const TILE_ROWS: usize = 6;
 
+/// Rows of the result that are finished together, so that a strip of the right factor stays in the nearest cache while it is used.
+/// More rows of a wide result would lie on more pages than the processor keeps at hand (chosen: the fastest of 24 to 96).
+const ROWS_TOGETHER: usize = 8 * TILE_ROWS;
+
 /// Lines of a transposed left factor that are read side by side (chosen: the fastest of 8 to 128 on a core with AVX-512 whose
 /// caches others use too).
 const SIDE_BY_SIDE: usize = 32;
@@ -140,39 +144,47 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
     };
     for first_term in (0..depth.max(1)).step_by(part) {
         let terms = first_term..depth.min(first_term + part);
-        let mut row = 0;
-        while row < rows {
-            let tile_rows = if row + TILE_ROWS <= rows { TILE_ROWS } else { 1 };
+        for first_row in (0..rows).step_by(ROWS_TOGETHER) {
+            let end = rows.min(first_row + ROWS_TOGETHER);
             for (strip, first_column) in (0..columns).step_by(width).enumerate() {
                 let strip = &strips[strip * depth * width..][..depth * width];
-                let tile = Tile {
-                    left,
-                    rows,
-                    row,
-                    terms: terms.clone(),
-                    strip: &strip[terms.start * width..terms.end * width],
-                    start: if first_term == 0 { start } else { Start::Add },
-                    rectify: rectify && terms.end == depth,
-                };
-                let result = &mut result[row * columns..][..tile_rows * columns];
                 let used = width.min(columns - first_column);
-                if used == width {
-                    tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, &mut result[first_column..], columns);
-                } else {
-                    // A tile that stands out over the edge is computed beside the result.
-                    let place = |index: usize| index * columns + first_column..(index + 1) * columns;
-                    if let Start::Add = tile.start {
-                        for (index, edge) in edge.chunks_exact_mut(width).take(tile_rows).enumerate() {
-                            edge[..used].copy_from_slice(&result[place(index)]);
+                let mut row = first_row;
+                while row < end {
+                    let tile_rows = if row + TILE_ROWS <= end { TILE_ROWS } else { 1 };
+                    let tile = Tile {
+                        left,
+                        rows,
+                        row,
+                        terms: terms.clone(),
+                        strip: &strip[terms.start * width..terms.end * width],
+                        start: if first_term == 0 { start } else { Start::Add },
+                        rectify: rectify && terms.end == depth,
+                    };
+                    let result = &mut result[row * columns + first_column..];
+                    if used == width {
+                        tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, result, columns);
+                    } else {
+                        // A tile that stands out over the edge is computed beside the result.
+                        for (beside, line) in edge
+                            .chunks_exact_mut(width)
+                            .zip(result.chunks(columns))
+                            .take(tile_rows)
+                        {
+                            beside[..used].copy_from_slice(&line[..used]);
+                        }
+                        tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, edge, width);
+                        for (beside, line) in edge
+                            .chunks_exact(width)
+                            .zip(result.chunks_mut(columns))
+                            .take(tile_rows)
+                        {
+                            line[..used].copy_from_slice(&beside[..used]);
                         }
                     }
-                    tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, edge, width);
-                    for (index, edge) in edge.chunks_exact(width).take(tile_rows).enumerate() {
-                        result[place(index)].copy_from_slice(&edge[..used]);
-                    }
+                    row += tile_rows;
                 }
             }
-            row += tile_rows;
         }
     }
 }
