@@ -145,7 +145,7 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command::eval::compare;
+    use crate::evaluate::compare;
     use crate::laboratory::configuration::Preset;
     use host_sim::command::options::parse_table;
     use host_sim::simulation::{Extent, Simulation};

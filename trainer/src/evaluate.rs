@@ -1,5 +1,6 @@
 //! Trained actors as policies, in float and in int8, on the same held-out worlds.
 
+use crate::actor_table::setting;
 use crate::laboratory::actors::Actors;
 use crate::network::Batch;
 use firmware::actor::Actor;
@@ -8,9 +9,12 @@ use firmware::measurement::Measurement;
 use firmware::observation::Observation;
 use firmware::table::Table;
 use firmware::units::Level;
+use host_sim::age::AgeSummary;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::policy::Policy;
+use host_sim::error::{Error, Result};
+use host_sim::policy::{Policy, PolicyName, actor};
+use host_sim::simulation::Simulation;
 use host_sim::stream::{Role, Stream};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -188,5 +192,173 @@ pub fn watch_inputs(
             }
         }
         environment.step(&decisions);
+    }
+}
+
+/// Float and int8 on the same worlds.
+#[derive(Clone, Copy, Debug)]
+pub struct Comparison {
+    /// Fraction of decisions that agree, along the float network's trajectories.
+    pub agreement: f64,
+    /// Mean age with the table.
+    pub quantised_age_ms: f64,
+    /// Mean age with the float network.
+    pub float_age_ms: f64,
+}
+
+/// Compares actors with their tables, on the current rayon pool.
+///
+/// # Errors
+/// If the tables do not serve the scenario.
+pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>]) -> Result<Comparison> {
+    let setting = tables
+        .first()
+        .map_or_else(|| setting(simulation.scenario), Setting::of_table);
+    let float = float(simulation, actors, setting, tables, || ())?;
+    Ok(Comparison {
+        agreement: float.1.unwrap_or(1.0),
+        quantised_age_ms: quantised(simulation, tables, || ())?.mean_ms,
+        float_age_ms: float.0.mean_ms,
+    })
+}
+
+/// Ages with the firmware's units and these tables: one for all, or one for each vehicle. `ended` is called after each world.
+///
+/// # Errors
+/// If they do not serve the scenario.
+pub fn quantised(
+    simulation: &Simulation<'_>,
+    tables: &[Table<'_>],
+    ended: impl Fn() + Sync,
+) -> Result<AgeSummary> {
+    let vehicles = simulation.source.most_vehicles(simulation.scenario);
+    for table in tables {
+        PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
+    }
+    if tables.len() > 1 {
+        check_vehicles(simulation, tables.len())?;
+    }
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> { actor::build(environment, tables) };
+    Ok(simulation.run(build, |_| ended())?.0)
+}
+
+/// Ages with the greedy float networks, and the fraction of decisions that the tables share, if there are any.
+///
+/// # Errors
+/// If there are more vehicles than networks of their own.
+pub fn float(
+    simulation: &Simulation<'_>,
+    actors: &Actors,
+    setting: Setting,
+    tables: &[Table<'_>],
+    ended: impl Fn() + Sync,
+) -> Result<(AgeSummary, Option<f64>)> {
+    check_actors(simulation, actors)?;
+    let agreement = Agreement::default();
+    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
+    };
+    let (ages, _) = simulation.run(build, |_| ended())?;
+    Ok((ages, agreement.fraction()))
+}
+
+/// Ages with the float networks exploring as in training.
+///
+/// # Errors
+/// As [`float`].
+pub fn exploring(
+    simulation: &Simulation<'_>,
+    actors: &Actors,
+    setting: Setting,
+    ended: impl Fn() + Sync,
+) -> Result<AgeSummary> {
+    check_actors(simulation, actors)?;
+    let agreement = Agreement::default();
+    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
+        Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
+    };
+    Ok(simulation.run(build, |_| ended())?.0)
+}
+
+fn check_actors(simulation: &Simulation<'_>, actors: &Actors) -> Result<()> {
+    if actors.shared() {
+        return Ok(());
+    }
+    check_vehicles(simulation, actors.networks.len())
+}
+
+/// Vehicles with an actor each can be fewer than in training, but not more.
+fn check_vehicles(simulation: &Simulation<'_>, actors: usize) -> Result<()> {
+    let vehicles = simulation.source.vehicles(simulation.scenario);
+    if vehicles <= actors {
+        return Ok(());
+    }
+    let expected = format!("at most {actors}, each with an actor of its own");
+    Err(Error::input("vehicles", vehicles, expected))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actor_table::actor_tables;
+    use crate::laboratory::configuration::Preset;
+    use crate::run_folder::RunIdentity;
+    use host_sim::command::options::parse_table;
+    use host_sim::mobility::MobilitySource;
+    use host_sim::simulation::Extent;
+
+    /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
+    #[test]
+    fn own_actors_that_are_equal_are_one_shared_actor() {
+        let configuration = Preset::Evolution.with(&["scenario.cell.vehicles=3"]);
+        let identity = RunIdentity::new(1, configuration.unwrap());
+        let mut learner = identity.configuration.learner(1).unwrap();
+        let _metrics = learner.advance();
+        let shared = learner.actors();
+        let own = Actors {
+            networks: vec![shared.networks[0].clone(); 3],
+            ..shared.clone()
+        };
+        let simulation = Simulation {
+            scenario: &identity.configuration.scenario,
+            source: &MobilitySource::Grid,
+            extent: Extent {
+                seed: 1,
+                worlds: 3,
+                slots: 200,
+                warmup: 20,
+            },
+        };
+        let setting = setting(simulation.scenario);
+        let bytes = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
+        let table = parse_table(None, &bytes).unwrap();
+        let tables = vec![table.clone(); 3];
+        let ages = [
+            quantised(&simulation, &[table], || ()).unwrap(),
+            quantised(&simulation, &tables, || ()).unwrap(),
+        ];
+        assert_eq!(ages[0].mean_ms, ages[1].mean_ms);
+        let (alone, _) = float(&simulation, &shared, setting, &[], || ()).unwrap();
+        let (each, agreement) = float(&simulation, &own, setting, &tables, || ()).unwrap();
+        assert_eq!(alone.mean_ms, each.mean_ms);
+        assert!(agreement.unwrap() > 0.9);
+        let ages =
+            [&shared, &own].map(|actors| exploring(&simulation, actors, setting, || ()).unwrap().mean_ms);
+        assert_eq!(ages[0], ages[1]);
+        assert_ne!(ages[0], alone.mean_ms);
+        // Each own table is calibrated on what its vehicle sees.
+        assert_eq!(actor_tables(&identity, &own, 0..3).unwrap().len(), 3);
+
+        let fewer = Actors {
+            networks: own.networks[..2].to_vec(),
+            ..own
+        };
+        let message = float(&simulation, &fewer, setting, &[], || ())
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            message,
+            "vehicles: found 3, expected at most 2, each with an actor of its own"
+        );
     }
 }

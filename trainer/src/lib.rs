@@ -20,3 +20,4 @@ pub mod quantise;
 pub mod run_folder;
 pub mod study;
 pub mod toy;
+pub mod trained_actors;

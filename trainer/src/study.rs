@@ -2,10 +2,11 @@
 //!
 //! Runs live in folders of their own and go on where they were interrupted; a finished one is not done again.
 
-use crate::command::eval::{TrainedActors, exploring, float, quantised};
 use crate::command::train::{Conduct, train};
+use crate::evaluate::{exploring, float, quantised};
 use crate::laboratory::configuration::{Configuration, ConfigurationSource, Preset};
 use crate::run_folder::{RunFolder, RunIdentity};
+use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::{parse_table, thread_pool};

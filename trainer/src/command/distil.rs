@@ -1,7 +1,7 @@
 //! `trainer distil`: from a seed to a table.
 
-use crate::command::eval::compare;
 use crate::distil::{Recipe, distil};
+use crate::evaluate::compare;
 use crate::export::{Header, table_bytes};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::forms::{ObservationForm, OutputForm};

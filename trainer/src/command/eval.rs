@@ -1,20 +1,18 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
-use crate::actor_table::{actor_tables, setting};
-use crate::evaluate::{Agreement, FloatActors, Setting};
-use crate::laboratory::actors::Actors;
+use crate::actor_table::setting;
+use crate::evaluate::{Setting, exploring, float, quantised};
 use crate::run_folder::{RunFolder, RunIdentity};
+use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::{parse_table, progress_bar, table_bytes, thread_pool};
+use host_sim::command::options::{parse_table, progress_bar, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
-use host_sim::environment::Environment;
 use host_sim::error::{Error, Result};
-use host_sim::policy::{Policy, PolicyName, actor};
+use host_sim::policy::PolicyName;
 use host_sim::report::{PolicyResult, ages};
 use host_sim::say;
 use host_sim::scenario::Preset;
-use host_sim::simulation::Simulation;
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -30,155 +28,6 @@ pub struct EvalArguments {
     /// Worlds, policies and output.
     #[command(flatten)]
     pub options: RunOptions,
-}
-
-/// Float and int8 on the same worlds.
-#[derive(Clone, Copy, Debug)]
-pub struct Comparison {
-    /// Fraction of decisions that agree, along the float network's trajectories.
-    pub agreement: f64,
-    /// Mean age with the table.
-    pub quantised_age_ms: f64,
-    /// Mean age with the float network.
-    pub float_age_ms: f64,
-}
-
-/// Compares actors with their tables, on the current rayon pool.
-///
-/// # Errors
-/// If the tables do not serve the scenario.
-pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>]) -> Result<Comparison> {
-    let setting = tables
-        .first()
-        .map_or_else(|| setting(simulation.scenario), Setting::of_table);
-    let float = float(simulation, actors, setting, tables, || ())?;
-    Ok(Comparison {
-        agreement: float.1.unwrap_or(1.0),
-        quantised_age_ms: quantised(simulation, tables, || ())?.mean_ms,
-        float_age_ms: float.0.mean_ms,
-    })
-}
-
-/// Ages with the firmware's units and these tables: one for all, or one for each vehicle. `ended` is called after each world.
-///
-/// # Errors
-/// If they do not serve the scenario.
-pub fn quantised(
-    simulation: &Simulation<'_>,
-    tables: &[Table<'_>],
-    ended: impl Fn() + Sync,
-) -> Result<AgeSummary> {
-    let vehicles = simulation.source.most_vehicles(simulation.scenario);
-    for table in tables {
-        PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
-    }
-    if tables.len() > 1 {
-        check_vehicles(simulation, tables.len())?;
-    }
-    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> { actor::build(environment, tables) };
-    Ok(simulation.run(build, |_| ended())?.0)
-}
-
-/// Ages with the greedy float networks, and the fraction of decisions that the tables share, if there are any.
-///
-/// # Errors
-/// If there are more vehicles than networks of their own.
-pub fn float(
-    simulation: &Simulation<'_>,
-    actors: &Actors,
-    setting: Setting,
-    tables: &[Table<'_>],
-    ended: impl Fn() + Sync,
-) -> Result<(AgeSummary, Option<f64>)> {
-    check_actors(simulation, actors)?;
-    let agreement = Agreement::default();
-    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
-    };
-    let (ages, _) = simulation.run(build, |_| ended())?;
-    Ok((ages, agreement.fraction()))
-}
-
-/// Ages with the float networks exploring as in training.
-///
-/// # Errors
-/// As [`float`].
-pub fn exploring(
-    simulation: &Simulation<'_>,
-    actors: &Actors,
-    setting: Setting,
-    ended: impl Fn() + Sync,
-) -> Result<AgeSummary> {
-    check_actors(simulation, actors)?;
-    let agreement = Agreement::default();
-    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
-    };
-    Ok(simulation.run(build, |_| ended())?.0)
-}
-
-fn check_actors(simulation: &Simulation<'_>, actors: &Actors) -> Result<()> {
-    if actors.shared() {
-        return Ok(());
-    }
-    check_vehicles(simulation, actors.networks.len())
-}
-
-/// Vehicles with an actor each can be fewer than in training, but not more.
-fn check_vehicles(simulation: &Simulation<'_>, actors: usize) -> Result<()> {
-    let vehicles = simulation.source.vehicles(simulation.scenario);
-    if vehicles <= actors {
-        return Ok(());
-    }
-    let expected = format!("at most {actors}, each with an actor of its own");
-    Err(Error::input("vehicles", vehicles, expected))
-}
-
-/// A run's actors with all that their evaluation needs.
-pub struct TrainedActors {
-    /// The float networks.
-    pub actors: Actors,
-    /// What they see and do.
-    pub setting: Setting,
-    /// One table, or one for each vehicle; none where the form or a layer is none for tables.
-    pub tables: Vec<Vec<u8>>,
-    /// Why there is none.
-    pub obstacle: Option<Error>,
-    /// What the run was told, if `train` made it.
-    pub identity: Option<RunIdentity>,
-}
-
-impl TrainedActors {
-    /// Reads a run folder, on the current rayon pool.
-    ///
-    /// # Errors
-    /// The file that is missing or does not fit.
-    pub fn read(folder: &RunFolder) -> Result<Self> {
-        let (actors, identity) = (folder.read_actors()?, folder.read_identity()?);
-        let (setting, tables) = match &identity {
-            // Each vehicle's own table, or one of a run that is still going on, is made when it is asked for.
-            Some(identity) if !folder.table().exists() => {
-                let tables = actor_tables(identity, &actors, 0..actors.networks.len());
-                (setting(&identity.configuration.scenario), tables)
-            }
-            _ => {
-                let bytes = own_table(folder, &actors, identity.as_ref())?;
-                let setting = Setting::of_table(&parse_table(Some(&folder.table()), &bytes)?);
-                (setting, Ok(vec![bytes]))
-            }
-        };
-        let (tables, obstacle) = match tables {
-            Ok(tables) => (tables, None),
-            Err(error) => (Vec::new(), Some(error)),
-        };
-        Ok(Self {
-            actors,
-            setting,
-            tables,
-            obstacle,
-            identity,
-        })
-    }
 }
 
 /// Runs and reports.
@@ -354,130 +203,5 @@ fn report(
     }
     if json {
         say!("{object}");
-    }
-}
-
-/// The table that a run left.
-fn own_table(folder: &RunFolder, actors: &Actors, identity: Option<&RunIdentity>) -> Result<Vec<u8>> {
-    let bytes = table_bytes(Some(&folder.table()))?;
-    check_belongs(
-        folder,
-        actors,
-        identity,
-        &parse_table(Some(&folder.table()), &bytes)?,
-    )?;
-    Ok(bytes)
-}
-
-/// The table of one of a run's networks: what the run left, or made anew.
-///
-/// # Errors
-/// If there is none, or if it is of something else.
-pub fn table_of(folder: &RunFolder, actors: &Actors, vehicle: usize) -> Result<Vec<u8>> {
-    let identity = folder.read_identity()?;
-    match &identity {
-        Some(identity) if !folder.table().exists() => {
-            Ok(actor_tables(identity, actors, vehicle..vehicle + 1)?.swap_remove(0))
-        }
-        _ => own_table(folder, actors, identity.as_ref()),
-    }
-}
-
-/// Checks that a table can be of these networks, as far as its header tells.
-fn check_belongs(
-    folder: &RunFolder,
-    actors: &Actors,
-    identity: Option<&RunIdentity>,
-    table: &Table<'_>,
-) -> Result<()> {
-    let description = |widths: Vec<usize>, observation, outputs, seed, vehicles| {
-        format!("widths {widths:?}, {observation:?}, {outputs:?}, seed {seed}, {vehicles} vehicles at most")
-    };
-    let (form, seed) = (actors.form, table.provenance().seed);
-    let expected = description(
-        actors.networks[0].widths(),
-        form.observation.in_table(),
-        form.output.in_table(),
-        identity.map_or(seed, |identity| identity.seed),
-        form.max_vehicles,
-    );
-    let found = description(
-        table.network().widths().collect(),
-        table.observation_form(),
-        table.output_form(),
-        seed,
-        table.max_vehicles().into(),
-    );
-    if found == expected && actors.shared() {
-        return Ok(());
-    }
-    let expected = if actors.shared() {
-        format!("{expected} as the networks beside it")
-    } else {
-        "none: each vehicle has its own network".to_owned()
-    };
-    Err(Error::input(folder.table().display(), found, expected))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::laboratory::configuration::Preset;
-    use host_sim::mobility::MobilitySource;
-    use host_sim::simulation::Extent;
-
-    /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
-    #[test]
-    fn own_actors_that_are_equal_are_one_shared_actor() {
-        let configuration = Preset::Evolution.with(&["scenario.cell.vehicles=3"]);
-        let identity = RunIdentity::new(1, configuration.unwrap());
-        let mut learner = identity.configuration.learner(1).unwrap();
-        let _metrics = learner.advance();
-        let shared = learner.actors();
-        let own = Actors {
-            networks: vec![shared.networks[0].clone(); 3],
-            ..shared.clone()
-        };
-        let simulation = Simulation {
-            scenario: &identity.configuration.scenario,
-            source: &MobilitySource::Grid,
-            extent: Extent {
-                seed: 1,
-                worlds: 3,
-                slots: 200,
-                warmup: 20,
-            },
-        };
-        let setting = setting(simulation.scenario);
-        let bytes = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
-        let table = parse_table(None, &bytes).unwrap();
-        let tables = vec![table.clone(); 3];
-        let ages = [
-            quantised(&simulation, &[table], || ()).unwrap(),
-            quantised(&simulation, &tables, || ()).unwrap(),
-        ];
-        assert_eq!(ages[0].mean_ms, ages[1].mean_ms);
-        let (alone, _) = float(&simulation, &shared, setting, &[], || ()).unwrap();
-        let (each, agreement) = float(&simulation, &own, setting, &tables, || ()).unwrap();
-        assert_eq!(alone.mean_ms, each.mean_ms);
-        assert!(agreement.unwrap() > 0.9);
-        let ages =
-            [&shared, &own].map(|actors| exploring(&simulation, actors, setting, || ()).unwrap().mean_ms);
-        assert_eq!(ages[0], ages[1]);
-        assert_ne!(ages[0], alone.mean_ms);
-        // Each own table is calibrated on what its vehicle sees.
-        assert_eq!(actor_tables(&identity, &own, 0..3).unwrap().len(), 3);
-
-        let fewer = Actors {
-            networks: own.networks[..2].to_vec(),
-            ..own
-        };
-        let message = float(&simulation, &fewer, setting, &[], || ())
-            .unwrap_err()
-            .to_string();
-        assert_eq!(
-            message,
-            "vehicles: found 3, expected at most 2, each with an actor of its own"
-        );
     }
 }

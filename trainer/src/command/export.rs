@@ -2,11 +2,11 @@
 //! seed gives.
 
 use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
-use crate::command::eval::table_of;
 use crate::distil::Recipe;
 use crate::export::table_source;
 use crate::onnx;
 use crate::run_folder::RunFolder;
+use crate::trained_actors::table_of;
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::deadline::cycles::{SLOT_CYCLES, slot_cycles};
