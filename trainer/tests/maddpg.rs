@@ -10,7 +10,7 @@ use trainer::laboratory::state::State;
 use trainer::maddpg::actions::ActionSet;
 use trainer::maddpg::arena::{Arena, Beginning, Tally, Worlds};
 use trainer::maddpg::learner::MaddpgLearner;
-use trainer::maddpg::options::{CriticForm, GradientForm, Maddpg};
+use trainer::maddpg::options::{Backend, CriticForm, GradientForm, Maddpg};
 use trainer::toy::Turns;
 
 const TOY_WORLDS: usize = 16;
@@ -162,8 +162,19 @@ fn the_best_play_of_a_toy_is_found_on_five_of_five_seeds() {
     }
 }
 
+/// The backends that this trainer is built with.
+const BACKENDS: &[Backend] = &[
+    Backend::Own,
+    #[cfg(feature = "burn")]
+    Backend::Burn,
+];
+
 /// A run small enough for a test, in the given form.
 fn small(form: Preset) -> MaddpgLearner {
+    small_on(form, Backend::Own)
+}
+
+fn small_on(form: Preset, backend: Backend) -> MaddpgLearner {
     let settings: &[&str] = match form {
         Preset::Freshlane => &[
             "maddpg.worlds=4",
@@ -183,7 +194,12 @@ fn small(form: Preset) -> MaddpgLearner {
         ],
     };
     let configuration = preset(form, settings);
-    MaddpgLearner::new(&configuration.scenario, &options(configuration.clone()), 7)
+    let scenario = configuration.scenario.clone();
+    let options = Maddpg {
+        backend,
+        ..options(configuration)
+    };
+    MaddpgLearner::new(&scenario, &options, 7)
 }
 
 fn run(learner: &mut MaddpgLearner, episodes: u64) -> State {
@@ -195,26 +211,29 @@ fn run(learner: &mut MaddpgLearner, episodes: u64) -> State {
 
 #[test]
 fn a_restored_run_continues_bit_for_bit() {
-    for form in [Preset::Freshlane, Preset::Companion] {
-        let undisturbed = run(&mut small(form), 6);
-        let saved = run(&mut small(form), 4);
+    let in_the_papers_form = BACKENDS.iter().map(|&backend| (Preset::Companion, backend));
+    for (form, backend) in in_the_papers_form.chain([(Preset::Freshlane, Backend::Own)]) {
+        let undisturbed = run(&mut small_on(form, backend), 6);
+        let saved = run(&mut small_on(form, backend), 4);
         assert!(saved != undisturbed);
-        let mut resumed = small(form);
+        let mut resumed = small_on(form, backend);
         resumed.restore(saved).unwrap();
-        assert!(run(&mut resumed, 2) == undisturbed, "{form:?}");
+        assert!(run(&mut resumed, 2) == undisturbed, "{form:?}, {backend}");
     }
 }
 
 #[test]
 fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| run(&mut small(Preset::Companion), 3))
-    };
-    assert!(on(1) == on(3));
+    for &backend in BACKENDS {
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| run(&mut small_on(Preset::Companion, backend), 3))
+        };
+        assert!(on(1) == on(3), "{backend}");
+    }
 }
 
 #[test]
@@ -253,5 +272,18 @@ fn contradictory_options_are_refused_by_name() {
     );
     assert!(
         message(&|options| options.discount = f32::NAN).starts_with("maddpg.discount: found NaN, expected")
+    );
+    let refusal = message(&|options| {
+        options.backend = Backend::Burn;
+        options.shared = true;
+    });
+    assert_eq!(
+        refusal,
+        if cfg!(feature = "burn") {
+            "maddpg: found maddpg.shared = true with maddpg.backend = \"burn\", expected maddpg.shared = false, or \
+             maddpg.backend = \"own\""
+        } else {
+            "maddpg.backend: found burn, expected own, or a trainer built with `cargo build --release -p trainer --features burn`"
+        }
     );
 }

@@ -3,6 +3,7 @@
 use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
 use crate::laboratory::learner::Learner as _;
 use crate::maddpg::learner::MaddpgLearner;
+use crate::maddpg::options::Backend;
 use host_sim::command::options::thread_pool;
 use host_sim::error::{Error, Result};
 use host_sim::say;
@@ -15,6 +16,9 @@ pub struct BenchArguments {
     /// Episodes of 100 slots and updates to time, after one that is not timed
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub episodes: u32,
+    /// What finds the gradients
+    #[arg(long, value_enum, default_value_t)]
+    pub backend: Backend,
     /// Seed of the networks and worlds
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -26,19 +30,22 @@ pub struct BenchArguments {
     pub json: bool,
 }
 
-/// The schedule of preset `companion`, with a replay that holds what is played here.
-const SETTINGS: [&str; 1] = ["maddpg.replay=10000"];
-
 /// Runs and reports.
 ///
 /// # Errors
 /// Threads that cannot be started.
 pub fn run(arguments: &BenchArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
+    let backend = arguments.backend;
+    // The schedule of preset `companion`, with a replay that holds what is played here.
+    let settings = [
+        "maddpg.replay=10000".to_owned(),
+        format!("maddpg.backend={backend}"),
+    ];
     let source = ConfigurationSource {
         preset: Preset::Companion,
         file: None,
-        settings: SETTINGS.map(str::to_owned).to_vec(),
+        settings: settings.to_vec(),
     };
     let configuration = source.read()?;
     let Algorithm::Maddpg(options) = &configuration.algorithm else {
@@ -69,6 +76,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             "{}",
             json!({
                 "updates_per_second": updates_per_second,
+                "backend": backend,
                 "environment_share": environment_share,
                 "slots_per_second": slots_per_second,
                 "vehicles": vehicles,
@@ -80,7 +88,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         );
     } else {
         say!(
-            "The paper's MADDPG, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
+            "The paper's MADDPG, backend {backend}, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
              With one slot and one update after the other: {slots_per_second:.2} slots/s, of which the environment takes {:.2} %.",
             options.batch,
             options.delay,

@@ -5,12 +5,16 @@ use crate::laboratory::forms::{ObservationForm, OutputForm};
 use host_sim::error::{Error, Result};
 use host_sim::scenario::Scenario;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::fmt;
 
 /// Parameters of the modified MADDPG and its family.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the presets document every key")]
 pub struct Maddpg {
+    #[serde(default)]
+    pub backend: Backend,
     pub episodes: u64,
     pub worlds: u64,
     pub slots: u32,
@@ -59,6 +63,26 @@ pub struct Maddpg {
     pub silence_bias: f32,
     pub home_bias: f32,
     pub joiner_bias: f32,
+}
+
+/// What finds the gradients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// This crate's kernels: the same bits on every machine, all forms.
+    #[default]
+    Own,
+    /// Burn's automatic differentiation: the paper's form, in a trainer built with the feature `burn`.
+    Burn,
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Own => "own",
+            Self::Burn => "burn",
+        })
+    }
 }
 
 /// When networks learn.
@@ -284,6 +308,9 @@ impl Maddpg {
                 "maddpg.silence = true, or maddpg.action = \"sub-channels\"",
             );
         }
+        if self.backend == Backend::Burn {
+            self.check_burn()?;
+        }
         let episode = self.worlds as usize * self.slots as usize;
         if self.replay < episode {
             let found = format!(
@@ -298,6 +325,35 @@ impl Maddpg {
                 self.warm_up_slots, self.replay
             );
             return contradiction(found, "at most what the replay holds");
+        }
+        Ok(())
+    }
+
+    /// Burn repeats the paper's form and no other.
+    fn check_burn(&self) -> Result<()> {
+        if !cfg!(feature = "burn") {
+            return Err(Error::input(
+                "maddpg.backend",
+                "burn",
+                "own, or a trainer built with `cargo build --release -p trainer --features burn`",
+            ));
+        }
+        let values = serde_json::to_value(self).unwrap_or_default();
+        for (key, expected) in [
+            ("action", json!("sub-channel-and-power")),
+            ("global_critic", json!("flat")),
+            ("shared", json!(false)),
+            ("loss", json!("squared")),
+            ("first_share", json!(1.0)),
+        ] {
+            let found = &values[key];
+            if *found != expected {
+                return Err(Error::input(
+                    "maddpg",
+                    format!("maddpg.{key} = {found} with maddpg.backend = \"burn\""),
+                    format!("maddpg.{key} = {expected}, or maddpg.backend = \"own\""),
+                ));
+            }
         }
         Ok(())
     }

@@ -27,6 +27,15 @@ impl MaddpgLearner {
             .counters
             .updates
             .is_multiple_of(u64::from(self.options.delay));
+        match self.options.backend {
+            #[cfg(feature = "burn")]
+            super::options::Backend::Burn => super::burn::update(self, &batch, delayed, stream),
+            _ => self.improve(&batch, delayed, stream),
+        }
+        self.batch = batch;
+    }
+
+    fn improve(&mut self, batch: &Batch, delayed: bool, stream: &mut Stream) {
         let rows = Rows {
             values: &batch.later,
             stride: self.extent.known,
@@ -35,12 +44,11 @@ impl MaddpgLearner {
         self.actors.forward(Role::Target, &[rows]);
         let outputs = self.actors.outputs();
         let later = self.target_actions(&outputs, stream);
-        self.improve_global(&batch, &later);
+        self.improve_global(batch, &later);
         if delayed {
-            self.improve_local(&batch, &outputs, &later);
-            self.improve_actors(&batch, stream);
+            self.improve_local(batch, &outputs, &later);
+            self.improve_actors(batch, stream);
         }
-        self.batch = batch;
     }
 
     /// What the target actors would do, smoothed: with noise, or now and then drawn from a flatter softmax.
@@ -85,15 +93,22 @@ impl MaddpgLearner {
         }
     }
 
-    fn critic_step(&self) -> Step {
+    pub(super) fn critic_step(&self) -> Step {
         self.step(
             self.options.critic_learning_rate,
             self.options.last_critic_learning_rate,
         )
     }
 
+    pub(super) fn actor_step(&self) -> Step {
+        self.step(
+            self.options.actor_learning_rate,
+            self.options.last_actor_learning_rate,
+        )
+    }
+
     /// Discount over n steps.
-    fn discount(&self) -> f32 {
+    pub(super) fn discount(&self) -> f32 {
         (0..self.options.n_step).fold(1.0, |factor, _| factor * self.options.discount)
     }
 
@@ -277,10 +292,7 @@ impl MaddpgLearner {
                 *slope = -scale * (factor * gain_slopes[index] + entropy_weight * spread_slopes[index]);
             }
         }
-        let step = self.step(
-            self.options.actor_learning_rate,
-            self.options.last_actor_learning_rate,
-        );
+        let step = self.actor_step();
         self.actors.learn(&slopes, step, self.options.gradient_clip);
         self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
         self.losses.delayed_count += 1;
