@@ -7,7 +7,7 @@ use host_sim::mobility::MobilitySource;
 use host_sim::policy::PolicyName;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
-use trainer::command::eval::compare;
+use trainer::evaluate::compare;
 use trainer::run_folder::RunFolder;
 
 const EXTENT: Extent = Extent {

@@ -18,8 +18,8 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use trainer::command::eval::compare;
 use trainer::distil::{as_float, best_action};
+use trainer::evaluate::compare;
 use trainer::export::{Header, table_bytes};
 use trainer::laboratory::actors::{ActorForm, Actors};
 use trainer::laboratory::forms::{ObservationForm, OutputForm};
