@@ -192,7 +192,6 @@ mod tests {
                 },
             };
             let compared = compare(&simulation, &actors, &tables).unwrap();
-            println!("{observation}, {action}: {compared:?}");
             assert!(compared.agreement > 0.99, "{observation}, {action}: {compared:?}");
         }
     }

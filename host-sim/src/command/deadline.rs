@@ -76,7 +76,8 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     if arguments.json {
         say!("{}", as_json(&report, &extent));
     } else {
-        print!("{}", as_text(&report, &extent, arguments.table.as_deref()));
+        let text = as_text(&report, &extent, arguments.table.as_deref());
+        say!("{}", text.trim_end());
     }
     Ok(())
 }

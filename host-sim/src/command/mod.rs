@@ -25,7 +25,7 @@ use std::process::ExitCode;
 pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
     P::try_parse().map_err(|error| {
         if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
-            print!("{error}");
+            say!("{}", error.to_string().trim_end());
             return ExitCode::SUCCESS;
         }
         eprintln!("{}", one_line(&error));
