@@ -252,8 +252,7 @@ fn actors_through_local_critics() {
     let tanh = |outputs: Vec<f32>| -> Vec<f32> { outputs.into_iter().map(libm::tanhf).collect() };
     actors.forward(Role::Learner, &[rows]);
     let actions = tanh(actors.outputs());
-    critics.forward(Role::Learner, &[rows, Rows::all(&actions, 2)]);
-    let along = critics.input_slopes(&vec![1.0; samples * vehicles], 3, 2);
+    let along = critics.slopes_along_last(&[rows, Rows::all(&actions, 2)]);
     let slopes: Vec<f32> = along
         .iter()
         .zip(&actions)

@@ -31,6 +31,22 @@ impl Gradients {
         kept().push(gradient);
         result
     }
+
+    /// Steps down the gradient along the slopes that a pass holds.
+    fn descend(
+        &self,
+        network: &Perceptron,
+        learned: &mut Learned,
+        pass: &mut Pass,
+        step: Step,
+        longest_gradient: f32,
+    ) {
+        self.lend(network.parameters(), |gradient| {
+            network.backward(&learned.parameters, pass, Some(gradient), false);
+            let scale = clip(gradient, longest_gradient);
+            learned.step(gradient, Step { scale, ..step });
+        });
+    }
 }
 
 /// Which parameters run.
@@ -82,22 +98,10 @@ impl Group {
 
     /// Runs the rows of all vehicles, side by side, through their networks.
     pub fn forward(&mut self, role: Role, rows: &[Rows<'_>]) {
-        let (network, vehicles, copies) = (&self.network, self.vehicles, self.learned.len());
-        let samples = rows
-            .first()
-            .map_or(0, |rows| rows.values.len() / rows.stride / vehicles);
+        let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
-            let columns = samples * vehicles / copies;
-            pass.fill(network, columns, |column, line| {
-                let row = column * copies + copy;
-                let mut first = 0;
-                for rows in rows {
-                    let values = &rows.values[row * rows.stride..][..rows.width];
-                    line[first..first + rows.width].copy_from_slice(values);
-                    first += rows.width;
-                }
-            });
+            fill(pass, network, rows, copy, copies);
             network.forward(parameters(learned, role), pass);
         });
     }
@@ -128,12 +132,50 @@ impl Group {
         let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
             set_slopes(pass, slopes, network.outputs(), copy, copies);
-            self.gradients.lend(network.parameters(), |gradient| {
-                network.backward(&learned.parameters, pass, Some(gradient), false);
-                let scale = clip(gradient, longest_gradient);
-                learned.step(gradient, Step { scale, ..step });
-            });
+            self.gradients
+                .descend(network, learned, pass, step, longest_gradient);
         });
+    }
+
+    /// Steps down the gradient of a loss of what the target networks say of `later` and the learners of `now`. `judge` takes a row
+    /// (sample times vehicles, and the vehicle) with both outputs, writes the slopes along the learner's and returns the row's loss.
+    ///
+    /// One network after the other, so that its parameters are read while they are near. Returns the losses, `[sample][vehicle]`.
+    pub fn learn_from(
+        &mut self,
+        later: &[Rows<'_>],
+        now: &[Rows<'_>],
+        step: Step,
+        longest_gradient: f32,
+        judge: impl Fn(usize, &[f32], &[f32], &mut [f32]) -> f32 + Sync,
+    ) -> Vec<f32> {
+        let (network, copies) = (&self.network, self.learned.len());
+        let width = network.outputs();
+        let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
+        let losses = each.map(|(copy, (pass, learned))| {
+            fill(pass, network, later, copy, copies);
+            network.forward(&learned.target, pass);
+            let targets = output_lines(pass, width);
+            fill(pass, network, now, copy, copies);
+            network.forward(&learned.parameters, pass);
+            let values = output_lines(pass, width);
+            let mut slopes = vec![0.0; values.len()];
+            let lines = targets.chunks_exact(width).zip(values.chunks_exact(width));
+            let losses = lines
+                .zip(slopes.chunks_exact_mut(width))
+                .enumerate()
+                .map(|(column, ((target, value), slopes))| {
+                    judge(column * copies + copy, target, value, slopes)
+                })
+                .collect();
+            set_slopes(pass, &slopes, width, 0, 1);
+            self.gradients
+                .descend(network, learned, pass, step, longest_gradient);
+            losses
+        });
+        let losses: Vec<Vec<f32>> = losses.collect();
+        let rows = losses.iter().map(Vec::len).sum();
+        (0..rows).map(|row| losses[row % copies][row / copies]).collect()
     }
 
     /// Each network's gradient of a loss with these slopes along the outputs.
@@ -151,15 +193,21 @@ impl Group {
         .collect()
     }
 
-    /// Slopes along the inputs from `first` on, `[sample][vehicle][width]`, of a loss with these slopes along the outputs.
-    pub fn input_slopes(&mut self, slopes: &[f32], first: usize, width: usize) -> Vec<f32> {
+    /// Slopes of the outputs' sum along the last of these rows, `[sample][vehicle][width]`.
+    pub fn slopes_along_last(&mut self, rows: &[Rows<'_>]) -> Vec<f32> {
+        let Some((last, before)) = rows.split_last() else {
+            return Vec::new();
+        };
         let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
-            set_slopes(pass, slopes, network.outputs(), copy, copies);
+            fill(pass, network, rows, copy, copies);
+            network.forward(&learned.parameters, pass);
+            pass.output_slopes().fill(1.0);
             network.backward(&learned.parameters, pass, None, true);
         });
-        let rows = slopes.len() / network.outputs();
+        let (first, width): (usize, _) = (before.iter().map(|rows| rows.width).sum(), last.width);
+        let rows = last.values.len() / last.stride;
         let mut result = Vec::with_capacity(rows * width);
         for row in 0..rows {
             let (copy, column, columns) = self.place(row / self.vehicles, row % self.vehicles);
@@ -183,6 +231,30 @@ fn parameters(learned: &Learned, role: Role) -> &[f32] {
         Role::Learner => &learned.parameters,
         Role::Target => &learned.target,
     }
+}
+
+/// Fills the input of one of so many networks with the rows of its vehicles.
+fn fill(pass: &mut Pass, network: &Perceptron, rows: &[Rows<'_>], copy: usize, copies: usize) {
+    let columns = rows
+        .first()
+        .map_or(0, |rows| rows.values.len() / rows.stride / copies);
+    pass.fill(network, columns, |column, line| {
+        let row = column * copies + copy;
+        let mut first = 0;
+        for rows in rows {
+            let values = &rows.values[row * rows.stride..][..rows.width];
+            line[first..first + rows.width].copy_from_slice(values);
+            first += rows.width;
+        }
+    });
+}
+
+/// A pass's outputs, `[column][output]`.
+fn output_lines(pass: &Pass, width: usize) -> Vec<f32> {
+    let columns = pass.output().len() / width;
+    (0..columns)
+        .flat_map(|column| pass.output().iter().skip(column).step_by(columns).copied())
+        .collect()
 }
 
 fn set_slopes(pass: &mut Pass, slopes: &[f32], width: usize, copy: usize, copies: usize) {

@@ -159,7 +159,7 @@ impl MaddpgLearner {
     fn improve_local(&mut self, batch: &Batch, outputs: &[f32], later: &[f32]) {
         let (discount, step) = (self.discount(), self.critic_step());
         let (length, vehicles) = (self.set.length(), self.extent.vehicles);
-        let choice = self.set.is_choice();
+        let (choice, loss) = (self.set.is_choice(), self.options.loss);
         let actions = self.action_vectors(batch);
         let Some(critics) = &mut self.local_critics else {
             return;
@@ -169,42 +169,35 @@ impl MaddpgLearner {
             stride: self.extent.known,
             width: self.extent.observed,
         };
-        if choice {
-            critics.forward(Role::Target, &[known(&batch.later)]);
-        } else {
-            critics.forward(Role::Target, &[known(&batch.later), Rows::all(later, length)]);
-        }
-        let mut targets = critics.outputs();
-        if choice {
-            let expected = targets.chunks_exact(length).zip(outputs.chunks_exact(length));
-            targets = expected
-                .map(|(values, scores)| expectation(&softmax(scores), values))
-                .collect();
-        }
-        for (target, reward) in targets.iter_mut().zip(&batch.rewards) {
-            *target = reward + discount * *target;
-        }
-        if choice {
-            critics.forward(Role::Learner, &[known(&batch.known)]);
-        } else {
-            critics.forward(Role::Learner, &[known(&batch.known), Rows::all(&actions, length)]);
-        }
-        let values = critics.outputs();
-        let width = critics.network.outputs();
-        let mut slopes = vec![0.0; values.len()];
+        let (later, now) = (
+            [known(&batch.later), Rows::all(later, length)],
+            [known(&batch.known), Rows::all(&actions, length)],
+        );
+        // Where actions are choices a critic has an output for each, otherwise the action is an input.
+        let inputs = if choice { 1 } else { 2 };
         let scale = critics.learned.len() as f32 / taking_part(&batch.present);
-        let mut loss = 0.0;
-        for (row, target) in targets.iter().enumerate() {
-            if row % vehicles >= usize::from(batch.present[row / vehicles]) {
-                continue;
-            }
-            let index = if choice { batch.actions[row] as usize } else { 0 };
-            let (part, slope) = self.options.loss.of(values[row * width + index] - target);
-            loss += part * scale;
-            slopes[row * width + index] = slope * scale;
-        }
-        self.losses.local += f64::from(loss) / critics.learned.len() as f64;
-        critics.learn(&slopes, step, self.options.gradient_clip);
+        let losses = critics.learn_from(
+            &later[..inputs],
+            &now[..inputs],
+            step,
+            self.options.gradient_clip,
+            |row, later, values, slopes| {
+                if row % vehicles >= usize::from(batch.present[row / vehicles]) {
+                    return 0.0;
+                }
+                let (index, later) = if choice {
+                    let scores = &outputs[row * length..][..length];
+                    (batch.actions[row] as usize, expectation(&softmax(scores), later))
+                } else {
+                    (0, later[0])
+                };
+                let target = batch.rewards[row] + discount * later;
+                let (part, slope) = loss.of(values[index] - target);
+                slopes[index] = slope * scale;
+                part * scale
+            },
+        );
+        self.losses.local += f64::from(losses.iter().sum::<f32>()) / critics.learned.len() as f64;
     }
 
     /// Up the slopes of the first twin and the local critic together (paper eq. "td3").
@@ -314,9 +307,7 @@ impl MaddpgLearner {
                 if set.is_choice() {
                     return local_values(critics, known);
                 }
-                critics.forward(Role::Learner, &[known, Rows::all(actions, set.length())]);
-                let ones = vec![1.0; actions.len() / set.length()];
-                critics.input_slopes(&ones, known.width, set.length())
+                critics.slopes_along_last(&[known, Rows::all(actions, set.length())])
             })
         };
         let (mut slopes, along) = rayon::join(global, local);
