@@ -28,6 +28,9 @@ pub struct RunIdentity {
     pub seed: u64,
     /// Scenario and algorithm.
     pub configuration: Configuration,
+    /// Which losses, where users write them: see [`crate::maddpg::options::Maddpg::losses_checksum`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub losses: Option<String>,
 }
 
 impl RunIdentity {
@@ -36,6 +39,7 @@ impl RunIdentity {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
+            losses: configuration.algorithm.losses_checksum(),
             configuration,
         }
     }
@@ -327,9 +331,10 @@ fn read_network(place: &str, tensors: &SafeTensors<'_>, prefix: &str) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::laboratory::configuration::Preset;
+    use crate::laboratory::configuration::{Algorithm, Preset};
     use crate::laboratory::forms::{ObservationForm, OutputForm};
     use crate::laboratory::random;
+    use crate::maddpg::options::Backend;
 
     fn actors(count: u32) -> Actors {
         let widths = [ObservationForm::Paper.length(), 3, 2];
@@ -344,6 +349,17 @@ mod tests {
                 .map(|member| Network::random(&widths, &mut random::initial(1, member)))
                 .collect(),
         }
+    }
+
+    /// What users write themselves tells runs apart; to runs of the own kernels it is nothing.
+    #[test]
+    fn losses_are_part_of_a_run_on_burn() {
+        let mut configuration = Preset::Paper.with(&[]).unwrap();
+        assert_eq!(RunIdentity::new(1, configuration.clone()).losses, None);
+        if let Algorithm::Maddpg(options) = &mut configuration.algorithm {
+            options.backend = Backend::Burn;
+        }
+        assert!(RunIdentity::new(1, configuration).losses.is_some());
     }
 
     #[test]

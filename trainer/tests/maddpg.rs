@@ -266,6 +266,19 @@ fn contradictory_options_are_refused_by_name() {
         message(&|options| options.replay = 99)
             .contains("maddpg.replay = 99 with maddpg.worlds x maddpg.slots = 100")
     );
+    // Two episodes of 100 slots, in each of which 98 starts have two slots after them.
+    let never_enough = |options: &mut Maddpg| {
+        (options.replay, options.n_step, options.batch) = (250, 3, 197);
+    };
+    assert_eq!(
+        message(&never_enough),
+        "maddpg: found maddpg.batch = 197 with maddpg.replay = 250, expected at most the 196 transitions of the episodes that \
+         the replay holds"
+    );
+    assert!(message(&|options| options.warm_up_slots = 100_001).contains("at most the 100000 transitions"));
+    assert!(message(&|options| options.entropy = 0.1).ends_with(
+        "with maddpg.action = \"sub-channel-and-power\", expected an action that is a choice, or 0"
+    ));
     assert_eq!(
         message(&|options| options.delay = 0),
         "maddpg.delay: found 0, expected 1 to 1000"

@@ -143,12 +143,17 @@ fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result
     learner.restore(state).map_err(|error| error.within(place))
 }
 
-/// Metrics first: a checkpoint never knows of an episode that they lack.
+/// Metrics first: a checkpoint never knows of an episode that they lack. Actors that are no numbers end the run, and leave the last
+/// checkpoint that had some.
 fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut MetricsLog) -> Result<()> {
     log.flush()?;
+    let actors = learner.actors();
+    actors
+        .check()
+        .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
     let bytes = checkpoint::to_bytes(run, &learner.state())?;
     write_whole(&folder.checkpoint(), &bytes)?;
-    write_whole(&folder.actors(), &to_safetensors(&learner.actors())?)
+    write_whole(&folder.actors(), &to_safetensors(&actors)?)
 }
 
 /// Writes what a finished run leaves behind.
@@ -160,7 +165,6 @@ fn conclude(
 ) -> Result<Value> {
     log.write_parquet(&folder.parquet())?;
     let actors = learner.actors();
-    actors.check()?;
     if actors.shared() {
         let model = onnx::model(&actors.networks[0], actors.form.output);
         write_whole(&folder.onnx(), &model)?;
@@ -249,5 +253,61 @@ impl Progress {
 
     fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laboratory::actors::Actors;
+    use crate::laboratory::state::State;
+
+    /// The actors of another learner, with one parameter that is no number.
+    struct Diverged(Box<dyn Learner>);
+
+    impl Learner for Diverged {
+        fn length(&self) -> u64 {
+            self.0.length()
+        }
+
+        fn done(&self) -> u64 {
+            self.0.done()
+        }
+
+        fn advance(&mut self) -> Metrics {
+            self.0.advance()
+        }
+
+        fn state(&self) -> State {
+            self.0.state()
+        }
+
+        fn restore(&mut self, state: State) -> Result<()> {
+            self.0.restore(state)
+        }
+
+        fn actors(&self) -> Actors {
+            let mut actors = self.0.actors();
+            actors.networks[0].layers[0].biases[0] = f32::NAN;
+            actors
+        }
+    }
+
+    #[test]
+    fn what_diverged_does_not_replace_what_was_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let mut learner = Preset::Evolution.with(&[]).unwrap().learner(1).unwrap();
+        let mut log = MetricsLog::open(&run.metrics(), &run.events(), 0).unwrap();
+        save(learner.as_ref(), &run, &Value::Null, &mut log).unwrap();
+        let saved = || [run.checkpoint(), run.actors()].map(|path| std::fs::read(path).unwrap());
+        let before = saved();
+        let _metrics = learner.advance();
+        let failure = save(&Diverged(learner), &run, &Value::Null, &mut log).unwrap_err();
+        assert_eq!(
+            failure.to_string(),
+            "after episode 1: actor of vehicle 0: layers.0: found NaN, expected finite numbers"
+        );
+        assert_eq!(saved(), before);
     }
 }

@@ -115,6 +115,14 @@ impl Algorithm {
         }
     }
 
+    /// Which losses, where users write them.
+    pub fn losses_checksum(&self) -> Option<String> {
+        match self {
+            Self::Maddpg(options) => options.losses_checksum(),
+            Self::Evolution(_) | Self::Ppo(_) => None,
+        }
+    }
+
     /// Reads the section of the algorithm of this name.
     fn read(name: &str, section: Value) -> Result<Self> {
         match name {

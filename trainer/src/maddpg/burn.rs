@@ -197,6 +197,7 @@ pub fn slopes(
 ) -> (Tensor<1>, Vec<Tensor<1>>) {
     let networks: Vec<Layers> = networks.into_iter().map(Layers::wanted).collect();
     let loss = loss(&networks);
+    assert_eq!(loss.dims(), [1], "a loss is one number: a mean over the batch");
     let gradients = loss.backward();
     let slopes = networks
         .iter()

@@ -189,6 +189,14 @@ impl Maddpg {
         }
     }
 
+    /// Checksum (CRC-64/XZ) of the module whose losses these networks step down, where users change them there: other losses make
+    /// another run.
+    pub fn losses_checksum(&self) -> Option<String> {
+        let losses = include_bytes!("burn.rs");
+        let checksum = || crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(losses);
+        (self.backend == Backend::Burn).then(|| format!("{:016x}", checksum()))
+    }
+
     /// Vehicles in the first episode, of so many in the last.
     pub fn first_vehicles(&self, all: usize) -> usize {
         libm::roundf(self.first_share * all as f32).max(1.0) as usize
@@ -284,6 +292,9 @@ impl Maddpg {
     }
 
     fn check_together(&self) -> Result<()> {
+        if self.backend == Backend::Burn {
+            self.check_burn()?;
+        }
         let choice = self.action_set().is_choice();
         let continuous = "maddpg.action = \"sub-channel-and-power\"";
         let contradiction = |found: String, expected: &str| Err(Error::input("maddpg", found, expected));
@@ -308,8 +319,17 @@ impl Maddpg {
                 "maddpg.silence = true, or maddpg.action = \"sub-channels\"",
             );
         }
-        if self.backend == Backend::Burn {
-            self.check_burn()?;
+        for (key, value) in [
+            ("entropy", self.entropy),
+            ("last_entropy", self.last_entropy),
+            ("silence_bias", self.silence_bias),
+            ("home_bias", self.home_bias),
+            ("joiner_bias", self.joiner_bias),
+        ] {
+            if !choice && value != 0.0 {
+                let found = format!("maddpg.{key} = {value} with {continuous}");
+                return contradiction(found, "an action that is a choice, or 0");
+            }
         }
         let episode = self.worlds as usize * self.slots as usize;
         if self.replay < episode {
@@ -319,12 +339,16 @@ impl Maddpg {
             );
             return contradiction(found, "room for at least one episode");
         }
-        if self.warm_up_slots > self.replay {
-            let found = format!(
-                "maddpg.warm_up_slots = {} with maddpg.replay = {}",
-                self.warm_up_slots, self.replay
-            );
-            return contradiction(found, "at most what the replay holds");
+        // Whole episodes, without the slots from which n steps lead beyond their end.
+        let starts = self.worlds as usize * (self.slots + 1 - self.n_step) as usize;
+        let kept = self.replay / episode * starts;
+        for (key, needed) in [("warm_up_slots", self.warm_up_slots), ("batch", self.batch)] {
+            if needed > kept {
+                let found = format!("maddpg.{key} = {needed} with maddpg.replay = {}", self.replay);
+                let expected =
+                    format!("at most the {kept} transitions of the episodes that the replay holds");
+                return contradiction(found, &expected);
+            }
         }
         Ok(())
     }
