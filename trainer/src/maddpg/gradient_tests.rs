@@ -250,8 +250,7 @@ fn actors_through_local_critics() {
     let observations = numbers(&mut stream, samples * vehicles * 3);
     let rows = Rows::all(&observations, 3);
     let tanh = |outputs: Vec<f32>| -> Vec<f32> { outputs.into_iter().map(libm::tanhf).collect() };
-    actors.forward(Role::Learner, &[rows]);
-    let actions = tanh(actors.outputs());
+    let actions = tanh(actors.forward(&[rows]));
     let along = critics.slopes_along_last(&[rows, Rows::all(&actions, 2)]);
     let slopes: Vec<f32> = along
         .iter()
@@ -266,10 +265,9 @@ fn actors_through_local_critics() {
             let mut both = cell.borrow_mut();
             let (actors, critics) = &mut *both;
             actors.learned[copy].parameters.copy_from_slice(at);
-            actors.forward(Role::Learner, &[rows]);
-            let actions = tanh(actors.outputs());
-            critics.forward(Role::Learner, &[rows, Rows::all(&actions, 2)]);
-            critics.outputs().iter().map(|&value| f64::from(value)).sum()
+            let actions = tanh(actors.forward(&[rows]));
+            let values = critics.outputs(Role::Learner, &[rows, Rows::all(&actions, 2)]);
+            values.iter().map(|&value| f64::from(value)).sum()
         });
         actors.learned[copy].parameters.copy_from_slice(&at);
     }

@@ -2,9 +2,9 @@
 
 use super::optimiser::{Learned, Step, clip};
 use super::perceptron::{Pass, Perceptron};
+use super::pool::Pool;
 use host_sim::stream::Stream;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
 
 /// Networks of one kind, their batches on the way, and what they learn with.
 pub struct Group {
@@ -12,41 +12,11 @@ pub struct Group {
     pub network: Perceptron,
     /// One network, or one for each vehicle.
     pub learned: Vec<Learned>,
+    /// Each network's last [`Group::forward`].
     passes: Vec<Pass>,
-    gradients: Gradients,
-    vehicles: usize,
-}
-
-/// Room for gradients, kept between updates: as many as threads ask for at once.
-#[derive(Default)]
-pub struct Gradients(Mutex<Vec<Vec<f32>>>);
-
-impl Gradients {
-    /// Lends room of this length; nothing is said about what stands in it.
-    pub fn lend<T>(&self, length: usize, work: impl FnOnce(&mut [f32]) -> T) -> T {
-        let kept = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut gradient = kept().pop().unwrap_or_default();
-        gradient.resize(length, 0.0);
-        let result = work(&mut gradient);
-        kept().push(gradient);
-        result
-    }
-
-    /// Steps down the gradient along the slopes that a pass holds.
-    fn descend(
-        &self,
-        network: &Perceptron,
-        learned: &mut Learned,
-        pass: &mut Pass,
-        step: Step,
-        longest_gradient: f32,
-    ) {
-        self.lend(network.parameters(), |gradient| {
-            network.backward(&learned.parameters, pass, Some(gradient), false);
-            let scale = clip(gradient, longest_gradient);
-            learned.step(gradient, Step { scale, ..step });
-        });
-    }
+    /// For batches of which nothing is kept.
+    lent: Pool<Pass>,
+    gradients: Pool<Vec<f32>>,
 }
 
 /// Which parameters run.
@@ -89,51 +59,46 @@ impl Group {
             .collect();
         Self {
             passes: vec![Pass::default(); copies],
-            gradients: Gradients::default(),
+            lent: Pool::default(),
+            gradients: Pool::default(),
             network,
             learned,
-            vehicles,
         }
     }
 
-    /// Runs the rows of all vehicles, side by side, through their networks.
-    pub fn forward(&mut self, role: Role, rows: &[Rows<'_>]) {
+    /// The outputs for the rows of all vehicles, `[sample][vehicle][output]`.
+    pub fn outputs(&self, role: Role, rows: &[Rows<'_>]) -> Vec<f32> {
+        let (network, copies) = (&self.network, self.learned.len());
+        let each = self.learned.par_iter().enumerate().map(|(copy, learned)| {
+            self.lent.lend(|pass| {
+                fill(pass, network, rows, copy, copies);
+                network.forward(parameters(learned, role), pass);
+                lines(pass.output(), pass.columns())
+            })
+        });
+        side_by_side(&each.collect::<Vec<_>>(), network.outputs())
+    }
+
+    /// The learners' outputs, to be learnt from by [`Group::learn`].
+    pub fn forward(&mut self, rows: &[Rows<'_>]) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
-        each.for_each(|(copy, (pass, learned))| {
+        let each = each.map(|(copy, (pass, learned))| {
             fill(pass, network, rows, copy, copies);
-            network.forward(parameters(learned, role), pass);
+            network.forward(&learned.parameters, pass);
+            lines(pass.output(), pass.columns())
         });
+        side_by_side(&each.collect::<Vec<_>>(), network.outputs())
     }
 
-    /// Output `index` of a vehicle in a sample.
-    pub fn output(&self, sample: usize, vehicle: usize, index: usize) -> f32 {
-        let (copy, column, columns) = self.place(sample, vehicle);
-        self.passes[copy].output()[index * columns + column]
-    }
-
-    /// All outputs, `[sample][vehicle][output]`.
-    pub fn outputs(&self) -> Vec<f32> {
-        let width = self.network.outputs();
-        let total: usize = self.passes.iter().map(|pass| pass.output().len()).sum();
-        let samples = total / width / self.vehicles;
-        let mut outputs = Vec::with_capacity(total);
-        for sample in 0..samples {
-            for vehicle in 0..self.vehicles {
-                outputs.extend((0..width).map(|index| self.output(sample, vehicle, index)));
-            }
-        }
-        outputs
-    }
-
-    /// Steps down the gradient of a loss with these slopes along the outputs, `[sample][vehicle][output]`.
+    /// Steps down the gradient of a loss with these slopes along the outputs of the last [`Group::forward`],
+    /// `[sample][vehicle][output]`.
     pub fn learn(&mut self, slopes: &[f32], step: Step, longest_gradient: f32) {
         let (network, copies) = (&self.network, self.learned.len());
         let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
         each.for_each(|(copy, (pass, learned))| {
             set_slopes(pass, slopes, network.outputs(), copy, copies);
-            self.gradients
-                .descend(network, learned, pass, step, longest_gradient);
+            descend(&self.gradients, network, learned, pass, step, longest_gradient);
         });
     }
 
@@ -150,32 +115,31 @@ impl Group {
         judge: impl Fn(usize, &[f32], &[f32], &mut [f32]) -> f32 + Sync,
     ) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
-        let width = network.outputs();
-        let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
-        let losses = each.map(|(copy, (pass, learned))| {
-            fill(pass, network, later, copy, copies);
-            network.forward(&learned.target, pass);
-            let targets = output_lines(pass, width);
-            fill(pass, network, now, copy, copies);
-            network.forward(&learned.parameters, pass);
-            let values = output_lines(pass, width);
-            let mut slopes = vec![0.0; values.len()];
-            let lines = targets.chunks_exact(width).zip(values.chunks_exact(width));
-            let losses = lines
-                .zip(slopes.chunks_exact_mut(width))
-                .enumerate()
-                .map(|(column, ((target, value), slopes))| {
-                    judge(column * copies + copy, target, value, slopes)
-                })
-                .collect();
-            set_slopes(pass, &slopes, width, 0, 1);
-            self.gradients
-                .descend(network, learned, pass, step, longest_gradient);
-            losses
+        let (width, lent, gradients) = (network.outputs(), &self.lent, &self.gradients);
+        let each = self.learned.par_iter_mut().enumerate().map(|(copy, learned)| {
+            lent.lend(|pass| {
+                fill(pass, network, later, copy, copies);
+                network.forward(&learned.target, pass);
+                let targets = lines(pass.output(), pass.columns());
+                fill(pass, network, now, copy, copies);
+                network.forward(&learned.parameters, pass);
+                let values = lines(pass.output(), pass.columns());
+                let mut slopes = vec![0.0; values.len()];
+                let losses = targets
+                    .chunks_exact(width)
+                    .zip(values.chunks_exact(width))
+                    .zip(slopes.chunks_exact_mut(width))
+                    .enumerate()
+                    .map(|(column, ((target, value), slopes))| {
+                        judge(column * copies + copy, target, value, slopes)
+                    })
+                    .collect();
+                set_slopes(pass, &slopes, width, 0, 1);
+                descend(gradients, network, learned, pass, step, longest_gradient);
+                losses
+            })
         });
-        let losses: Vec<Vec<f32>> = losses.collect();
-        let rows = losses.iter().map(Vec::len).sum();
-        (0..rows).map(|row| losses[row % copies][row / copies]).collect()
+        side_by_side(&each.collect::<Vec<_>>(), 1)
     }
 
     /// Each network's gradient of a loss with these slopes along the outputs.
@@ -194,36 +158,44 @@ impl Group {
     }
 
     /// Slopes of the outputs' sum along the last of these rows, `[sample][vehicle][width]`.
-    pub fn slopes_along_last(&mut self, rows: &[Rows<'_>]) -> Vec<f32> {
+    pub fn slopes_along_last(&self, rows: &[Rows<'_>]) -> Vec<f32> {
         let Some((last, before)) = rows.split_last() else {
             return Vec::new();
         };
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
-        each.for_each(|(copy, (pass, learned))| {
-            fill(pass, network, rows, copy, copies);
-            network.forward(&learned.parameters, pass);
-            pass.output_slopes().fill(1.0);
-            network.backward(&learned.parameters, pass, None, true);
+        let first: usize = before.iter().map(|rows| rows.width).sum();
+        let each = self.learned.par_iter().enumerate().map(|(copy, learned)| {
+            self.lent.lend(|pass| {
+                fill(pass, network, rows, copy, copies);
+                network.forward(&learned.parameters, pass);
+                pass.output_slopes().fill(1.0);
+                network.backward(&learned.parameters, pass, None, true);
+                let columns = pass.columns();
+                lines(
+                    &pass.input_slopes()[first * columns..][..last.width * columns],
+                    columns,
+                )
+            })
         });
-        let (first, width): (usize, _) = (before.iter().map(|rows| rows.width).sum(), last.width);
-        let rows = last.values.len() / last.stride;
-        let mut result = Vec::with_capacity(rows * width);
-        for row in 0..rows {
-            let (copy, column, columns) = self.place(row / self.vehicles, row % self.vehicles);
-            let slopes = self.passes[copy].input_slopes();
-            result.extend((first..first + width).map(|index| slopes[index * columns + column]));
-        }
-        result
+        side_by_side(&each.collect::<Vec<_>>(), last.width)
     }
+}
 
-    /// The network, the column and the number of columns of a vehicle in a sample.
-    fn place(&self, sample: usize, vehicle: usize) -> (usize, usize, usize) {
-        let copies = self.learned.len();
-        let row = sample * self.vehicles + vehicle;
-        let columns = self.passes[row % copies].output().len() / self.network.outputs();
-        (row % copies, row / copies, columns)
-    }
+/// Steps down the gradient along the slopes that a pass holds.
+fn descend(
+    gradients: &Pool<Vec<f32>>,
+    network: &Perceptron,
+    learned: &mut Learned,
+    pass: &mut Pass,
+    step: Step,
+    longest_gradient: f32,
+) {
+    gradients.lend(|gradient| {
+        gradient.resize(network.parameters(), 0.0);
+        network.backward(&learned.parameters, pass, Some(gradient), false);
+        let scale = clip(gradient, longest_gradient);
+        learned.step(gradient, Step { scale, ..step });
+    });
 }
 
 fn parameters(learned: &Learned, role: Role) -> &[f32] {
@@ -249,12 +221,22 @@ fn fill(pass: &mut Pass, network: &Perceptron, rows: &[Rows<'_>], copy: usize, c
     });
 }
 
-/// A pass's outputs, `[column][output]`.
-fn output_lines(pass: &Pass, width: usize) -> Vec<f32> {
-    let columns = pass.output().len() / width;
+/// `[unit][column]` as `[column][unit]`.
+fn lines(values: &[f32], columns: usize) -> Vec<f32> {
     (0..columns)
-        .flat_map(|column| pass.output().iter().skip(column).step_by(columns).copied())
+        .flat_map(|column| values.iter().skip(column).step_by(columns).copied())
         .collect()
+}
+
+/// Each network's `[column][value]` as `[sample][vehicle][value]`.
+fn side_by_side(networks: &[Vec<f32>], width: usize) -> Vec<f32> {
+    let columns = networks.first().map_or(0, Vec::len) / width;
+    let rows = (0..columns).flat_map(|column| {
+        networks
+            .iter()
+            .map(move |lines| &lines[column * width..][..width])
+    });
+    rows.flatten().copied().collect()
 }
 
 fn set_slopes(pass: &mut Pass, slopes: &[f32], width: usize, copy: usize, copies: usize) {

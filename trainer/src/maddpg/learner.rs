@@ -9,10 +9,11 @@ use super::arena::{Arena, CellArena, Tally, Worlds};
 use super::choice::sample;
 use super::critic::{Critic, CriticPass};
 use super::flat_critic::FlatCritic;
-use super::group::{Gradients, Group, Role, Rows};
+use super::group::{Group, Role, Rows};
 use super::optimiser::Learned;
 use super::options::{CriticForm, Maddpg, Updates};
 use super::perceptron::Perceptron;
+use super::pool::Pool;
 use super::replay::{Batch, Extent, Replay};
 use super::set_critic::SetCritic;
 #[cfg(test)]
@@ -38,7 +39,7 @@ pub struct MaddpgLearner {
     pub(super) critic: Critic,
     pub(super) twins: [Learned; 2],
     pub(super) passes: [CriticPass; 2],
-    pub(super) gradients: Gradients,
+    pub(super) gradients: Pool<Vec<f32>>,
     pub(super) replay: Replay,
     pub(super) batch: Batch,
     pub(super) extent: Extent,
@@ -133,7 +134,7 @@ impl MaddpgLearner {
             critic,
             twins,
             passes: Default::default(),
-            gradients: Gradients::default(),
+            gradients: Pool::default(),
             replay: Replay::new(extent),
             batch: Batch::default(),
             extent,
@@ -212,8 +213,7 @@ impl MaddpgLearner {
             stride: width,
             width: self.extent.observed,
         };
-        self.actors.forward(Role::Learner, &[rows]);
-        let outputs = self.actors.outputs();
+        let outputs = self.actors.outputs(Role::Learner, &[rows]);
         let length = self.set.length();
         let mut actions = Vec::with_capacity(outputs.len());
         for (row, outputs) in outputs.chunks_exact(length).enumerate() {

@@ -22,6 +22,7 @@ pub mod learner;
 pub mod optimiser;
 pub mod options;
 pub mod perceptron;
+pub mod pool;
 pub mod replay;
 pub mod set_critic;
 mod update;

@@ -193,6 +193,11 @@ impl Pass {
         &mut self.values[0]
     }
 
+    /// Samples of the batch.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// The input, `[input][column]`.
     pub fn input_values(&self) -> &[f32] {
         self.values.first().map_or(&[], Vec::as_slice)

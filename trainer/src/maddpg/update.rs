@@ -5,7 +5,7 @@
 
 use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
 use super::critic::{CriticPass, View};
-use super::group::{Group, Role, Rows};
+use super::group::{Role, Rows};
 use super::learner::MaddpgLearner;
 use super::optimiser::{Learned, Step, clip};
 use super::options::{GlobalWeight, GradientForm};
@@ -41,8 +41,7 @@ impl MaddpgLearner {
             stride: self.extent.known,
             width: self.extent.observed,
         };
-        self.actors.forward(Role::Target, &[rows]);
-        let outputs = self.actors.outputs();
+        let outputs = self.actors.outputs(Role::Target, &[rows]);
         let later = self.target_actions(&outputs, stream);
         self.improve_global(batch, &later);
         if delayed {
@@ -142,7 +141,8 @@ impl MaddpgLearner {
                     slope * scale
                 })
                 .collect();
-            gradients.lend(learned.parameters.len(), |gradient| {
+            gradients.lend(|gradient| {
+                gradient.resize(learned.parameters.len(), 0.0);
                 critic.gradient(&learned.parameters, &now, &slopes, pass, gradient);
                 let scale = clip(gradient, options.gradient_clip);
                 learned.step(gradient, Step { scale, ..step });
@@ -215,8 +215,7 @@ impl MaddpgLearner {
             present: &batch.present[..samples],
             ..batch.view(&self.extent, known.values)
         };
-        self.actors.forward(Role::Learner, &[known]);
-        let outputs = self.actors.outputs();
+        let outputs = self.actors.forward(&[known]);
         let global_weight = match self.options.global_weight {
             GlobalWeight::Printed => 1.0,
             GlobalWeight::Vehicles => taking_part(view.present) / samples as f32,
@@ -305,7 +304,7 @@ impl MaddpgLearner {
         let local = || {
             critics.as_mut().map(|critics| {
                 if set.is_choice() {
-                    return local_values(critics, known);
+                    return critics.outputs(Role::Learner, &[known]);
                 }
                 critics.slopes_along_last(&[known, Rows::all(actions, set.length())])
             })
@@ -321,17 +320,11 @@ impl MaddpgLearner {
     /// Adds each choice's value to its own vehicle.
     fn add_local_values(&mut self, gains: &mut [f32], known: Rows<'_>) {
         if let Some(critics) = &mut self.local_critics {
-            for (gain, value) in gains.iter_mut().zip(local_values(critics, known)) {
+            for (gain, value) in gains.iter_mut().zip(critics.outputs(Role::Learner, &[known])) {
                 *gain += self.options.local_weight * value;
             }
         }
     }
-}
-
-/// What the local critics think of every choice, `[sample][vehicle][choice]`.
-fn local_values(critics: &mut Group, known: Rows<'_>) -> Vec<f32> {
-    critics.forward(Role::Learner, &[known]);
-    critics.outputs()
 }
 
 /// Mean own reward of the vehicles of the cell, or for each sub-channel of its vehicles, counted so that the mean over
