@@ -9,6 +9,9 @@ use pulp::{Arch, Simd, WithSimd};
 /// Rows of a register tile: 6 x 4 vectors fill 24 of the 32 registers of AVX-512.
 const TILE_ROWS: usize = 6;
 
+/// Rows of the tiles below the last whole one: as few as hide what an addition takes.
+const LAST_ROWS: usize = 2;
+
 /// Rows of the result that are finished together, so that a strip of the right factor stays in the nearest cache while it is used.
 /// More rows of a wide result would lie on more pages than the processor keeps at hand (chosen: the fastest of 24 to 96).
 const ROWS_TOGETHER: usize = 8 * TILE_ROWS;
@@ -151,7 +154,11 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
                 let used = width.min(columns - first_column);
                 let mut row = first_row;
                 while row < end {
-                    let tile_rows = if row + TILE_ROWS <= end { TILE_ROWS } else { 1 };
+                    let tile_rows = match end - row {
+                        TILE_ROWS.. => TILE_ROWS,
+                        LAST_ROWS.. => LAST_ROWS,
+                        _ => 1,
+                    };
                     let tile = Tile {
                         left,
                         rows,
@@ -263,10 +270,10 @@ impl Tile<'_> {
         result: &mut [f32],
         stride: usize,
     ) {
-        if rows == TILE_ROWS {
-            self.compute_rows::<S, TILE_ROWS, VECTORS, FUSED>(simd, result, stride);
-        } else {
-            self.compute_rows::<S, 1, VECTORS, FUSED>(simd, result, stride);
+        match rows {
+            TILE_ROWS => self.compute_rows::<S, TILE_ROWS, VECTORS, FUSED>(simd, result, stride),
+            LAST_ROWS => self.compute_rows::<S, LAST_ROWS, VECTORS, FUSED>(simd, result, stride),
+            _ => self.compute_rows::<S, 1, VECTORS, FUSED>(simd, result, stride),
         }
     }
 

@@ -19,6 +19,9 @@ pub struct Group {
     gradients: Pool<Vec<f32>>,
 }
 
+/// Networks that a thread takes at a time: of cores that are unequally fast the faster one then does more.
+const AT_A_TIME: usize = 1;
+
 /// Which parameters run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
@@ -69,20 +72,30 @@ impl Group {
     /// The outputs for the rows of all vehicles, `[sample][vehicle][output]`.
     pub fn outputs(&self, role: Role, rows: &[Rows<'_>]) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self.learned.par_iter().enumerate().map(|(copy, learned)| {
-            self.lent.lend(|pass| {
-                fill(pass, network, rows, copy, copies);
-                network.forward(parameters(learned, role), pass);
-                lines(pass.output(), pass.columns())
-            })
-        });
+        let each = self
+            .learned
+            .par_iter()
+            .with_max_len(AT_A_TIME)
+            .enumerate()
+            .map(|(copy, learned)| {
+                self.lent.lend(|pass| {
+                    fill(pass, network, rows, copy, copies);
+                    network.forward(parameters(learned, role), pass);
+                    lines(pass.output(), pass.columns())
+                })
+            });
         side_by_side(&each.collect::<Vec<_>>(), network.outputs())
     }
 
     /// The learners' outputs, to be learnt from by [`Group::learn`].
     pub fn forward(&mut self, rows: &[Rows<'_>]) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self.passes.par_iter_mut().zip(&self.learned).enumerate();
+        let each = self
+            .passes
+            .par_iter_mut()
+            .zip(&self.learned)
+            .enumerate()
+            .with_max_len(AT_A_TIME);
         let each = each.map(|(copy, (pass, learned))| {
             fill(pass, network, rows, copy, copies);
             network.forward(&learned.parameters, pass);
@@ -95,7 +108,12 @@ impl Group {
     /// `[sample][vehicle][output]`.
     pub fn learn(&mut self, slopes: &[f32], step: Step, longest_gradient: f32) {
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self.passes.par_iter_mut().zip(&mut self.learned).enumerate();
+        let each = self
+            .passes
+            .par_iter_mut()
+            .zip(&mut self.learned)
+            .enumerate()
+            .with_max_len(AT_A_TIME);
         each.for_each(|(copy, (pass, learned))| {
             set_slopes(pass, slopes, network.outputs(), copy, copies);
             descend(&self.gradients, network, learned, pass, step, longest_gradient);
@@ -116,29 +134,34 @@ impl Group {
     ) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
         let (width, lent, gradients) = (network.outputs(), &self.lent, &self.gradients);
-        let each = self.learned.par_iter_mut().enumerate().map(|(copy, learned)| {
-            lent.lend(|pass| {
-                fill(pass, network, later, copy, copies);
-                network.forward(&learned.target, pass);
-                let targets = lines(pass.output(), pass.columns());
-                fill(pass, network, now, copy, copies);
-                network.forward(&learned.parameters, pass);
-                let values = lines(pass.output(), pass.columns());
-                let mut slopes = vec![0.0; values.len()];
-                let losses = targets
-                    .chunks_exact(width)
-                    .zip(values.chunks_exact(width))
-                    .zip(slopes.chunks_exact_mut(width))
-                    .enumerate()
-                    .map(|(column, ((target, value), slopes))| {
-                        judge(column * copies + copy, target, value, slopes)
-                    })
-                    .collect();
-                set_slopes(pass, &slopes, width, 0, 1);
-                descend(gradients, network, learned, pass, step, longest_gradient);
-                losses
-            })
-        });
+        let each = self
+            .learned
+            .par_iter_mut()
+            .with_max_len(AT_A_TIME)
+            .enumerate()
+            .map(|(copy, learned)| {
+                lent.lend(|pass| {
+                    fill(pass, network, later, copy, copies);
+                    network.forward(&learned.target, pass);
+                    let targets = lines(pass.output(), pass.columns());
+                    fill(pass, network, now, copy, copies);
+                    network.forward(&learned.parameters, pass);
+                    let values = lines(pass.output(), pass.columns());
+                    let mut slopes = vec![0.0; values.len()];
+                    let losses = targets
+                        .chunks_exact(width)
+                        .zip(values.chunks_exact(width))
+                        .zip(slopes.chunks_exact_mut(width))
+                        .enumerate()
+                        .map(|(column, ((target, value), slopes))| {
+                            judge(column * copies + copy, target, value, slopes)
+                        })
+                        .collect();
+                    set_slopes(pass, &slopes, width, 0, 1);
+                    descend(gradients, network, learned, pass, step, longest_gradient);
+                    losses
+                })
+            });
         side_by_side(&each.collect::<Vec<_>>(), 1)
     }
 
@@ -164,19 +187,24 @@ impl Group {
         };
         let (network, copies) = (&self.network, self.learned.len());
         let first: usize = before.iter().map(|rows| rows.width).sum();
-        let each = self.learned.par_iter().enumerate().map(|(copy, learned)| {
-            self.lent.lend(|pass| {
-                fill(pass, network, rows, copy, copies);
-                network.forward(&learned.parameters, pass);
-                pass.output_slopes().fill(1.0);
-                network.backward(&learned.parameters, pass, None, true);
-                let columns = pass.columns();
-                lines(
-                    &pass.input_slopes()[first * columns..][..last.width * columns],
-                    columns,
-                )
-            })
-        });
+        let each = self
+            .learned
+            .par_iter()
+            .with_max_len(AT_A_TIME)
+            .enumerate()
+            .map(|(copy, learned)| {
+                self.lent.lend(|pass| {
+                    fill(pass, network, rows, copy, copies);
+                    network.forward(&learned.parameters, pass);
+                    pass.output_slopes().fill(1.0);
+                    network.backward(&learned.parameters, pass, None, true);
+                    let columns = pass.columns();
+                    lines(
+                        &pass.input_slopes()[first * columns..][..last.width * columns],
+                        columns,
+                    )
+                })
+            });
         side_by_side(&each.collect::<Vec<_>>(), last.width)
     }
 }
