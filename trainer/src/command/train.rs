@@ -165,6 +165,7 @@ fn conclude(
 ) -> Result<Value> {
     log.write_parquet(&folder.parquet())?;
     let actors = learner.actors();
+    actors.check()?;
     if actors.shared() {
         let model = onnx::model(&actors.networks[0], actors.form.output);
         write_whole(&folder.onnx(), &model)?;

@@ -78,11 +78,9 @@ impl Group {
             .with_max_len(AT_A_TIME)
             .enumerate()
             .map(|(copy, learned)| {
-                self.lent.lend(|pass| {
-                    fill(pass, network, rows, copy, copies);
-                    network.forward(parameters(learned, role), pass);
-                    lines(pass.output(), pass.columns())
-                })
+                let parameters = parameters(learned, role);
+                self.lent
+                    .lend(|pass| run(pass, network, parameters, rows, copy, copies))
             });
         side_by_side(&each.collect::<Vec<_>>(), network.outputs())
     }
@@ -96,11 +94,8 @@ impl Group {
             .zip(&self.learned)
             .enumerate()
             .with_max_len(AT_A_TIME);
-        let each = each.map(|(copy, (pass, learned))| {
-            fill(pass, network, rows, copy, copies);
-            network.forward(&learned.parameters, pass);
-            lines(pass.output(), pass.columns())
-        });
+        let each =
+            each.map(|(copy, (pass, learned))| run(pass, network, &learned.parameters, rows, copy, copies));
         side_by_side(&each.collect::<Vec<_>>(), network.outputs())
     }
 
@@ -141,12 +136,8 @@ impl Group {
             .enumerate()
             .map(|(copy, learned)| {
                 lent.lend(|pass| {
-                    fill(pass, network, later, copy, copies);
-                    network.forward(&learned.target, pass);
-                    let targets = lines(pass.output(), pass.columns());
-                    fill(pass, network, now, copy, copies);
-                    network.forward(&learned.parameters, pass);
-                    let values = lines(pass.output(), pass.columns());
+                    let targets = run(pass, network, &learned.target, later, copy, copies);
+                    let values = run(pass, network, &learned.parameters, now, copy, copies);
                     let mut slopes = vec![0.0; values.len()];
                     let losses = targets
                         .chunks_exact(width)
@@ -194,8 +185,7 @@ impl Group {
             .enumerate()
             .map(|(copy, learned)| {
                 self.lent.lend(|pass| {
-                    fill(pass, network, rows, copy, copies);
-                    network.forward(&learned.parameters, pass);
+                    let _outputs = run(pass, network, &learned.parameters, rows, copy, copies);
                     pass.output_slopes().fill(1.0);
                     network.backward(&learned.parameters, pass, None, true);
                     let columns = pass.columns();
@@ -233,8 +223,15 @@ fn parameters(learned: &Learned, role: Role) -> &[f32] {
     }
 }
 
-/// Fills the input of one of so many networks with the rows of its vehicles.
-fn fill(pass: &mut Pass, network: &Perceptron, rows: &[Rows<'_>], copy: usize, copies: usize) {
+/// Runs the rows of its vehicles through one of so many networks; gives the outputs, `[column][output]`.
+fn run(
+    pass: &mut Pass,
+    network: &Perceptron,
+    parameters: &[f32],
+    rows: &[Rows<'_>],
+    copy: usize,
+    copies: usize,
+) -> Vec<f32> {
     let columns = rows
         .first()
         .map_or(0, |rows| rows.values.len() / rows.stride / copies);
@@ -247,6 +244,8 @@ fn fill(pass: &mut Pass, network: &Perceptron, rows: &[Rows<'_>], copy: usize, c
             first += rows.width;
         }
     });
+    network.forward(parameters, pass);
+    lines(pass.output(), columns)
 }
 
 /// `[unit][column]` as `[column][unit]`.

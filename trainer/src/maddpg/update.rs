@@ -299,10 +299,10 @@ impl MaddpgLearner {
         global_weight: f32,
     ) -> Vec<f32> {
         let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
-        let (set, critics) = (self.set, &mut self.local_critics);
+        let (set, critics) = (self.set, &self.local_critics);
         let global = || critic.action_slopes(first, view, actions, pass);
         let local = || {
-            critics.as_mut().map(|critics| {
+            critics.as_ref().map(|critics| {
                 if set.is_choice() {
                     return critics.outputs(Role::Learner, &[known]);
                 }
@@ -318,8 +318,8 @@ impl MaddpgLearner {
     }
 
     /// Adds each choice's value to its own vehicle.
-    fn add_local_values(&mut self, gains: &mut [f32], known: Rows<'_>) {
-        if let Some(critics) = &mut self.local_critics {
+    fn add_local_values(&self, gains: &mut [f32], known: Rows<'_>) {
+        if let Some(critics) = &self.local_critics {
             for (gain, value) in gains.iter_mut().zip(critics.outputs(Role::Learner, &[known])) {
                 *gain += self.options.local_weight * value;
             }
