@@ -3,6 +3,9 @@
 //! Each element is one chain of additions in ascending order of the summation index, whatever the vector width: the bits of a
 //! product are the same on every machine. That is why this is written here and not taken from a library, whose
 //! sums depend on the instruction set found at run time. The instruction set (AVX-512, AVX2 or none) is `pulp`'s choice.
+//!
+//! Lines of nothing but zeros are left out, since they add nothing to a finite sum: a unit that its rectifier silences for a whole
+//! batch costs nothing in the layer after it, in the slopes before it and in its weights' gradient.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -20,11 +23,15 @@ const ROWS_TOGETHER: usize = 8 * TILE_ROWS;
 /// caches others use too).
 const SIDE_BY_SIDE: usize = 32;
 
-/// Space for packed factors.
+/// Space for packed factors, and for the numbers of the lines that count.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     strips: Vec<f32>,
-    edge: Vec<f32>,
+    /// Terms whose line of the right factor is not all zeros.
+    terms: Vec<usize>,
+    /// Rows whose line of the left factor is not all zeros, and the others.
+    live: Vec<usize>,
+    silent: Vec<usize>,
 }
 
 /// A factor, row after row.
@@ -131,82 +138,111 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
     }
     let width = VECTORS * S::F32_LANES;
     let rows = result.len() / columns;
-    let Scratch { strips, edge } = scratch;
-    edge.resize(TILE_ROWS * width, 0.0);
+    let Scratch {
+        strips,
+        terms,
+        live,
+        silent,
+    } = scratch;
+    terms.clear();
+    match right {
+        Factor::Plain(right) => terms.extend((0..depth).filter(|&term| !is_zero(right, term, columns))),
+        Factor::Transposed(_) => terms.extend(0..depth),
+    }
     let strips: &[f32] = match right {
-        Factor::Plain(right) if columns == width => &right[..depth * width],
+        Factor::Plain(right) if columns == width && terms.len() == depth => &right[..depth * width],
         right => {
-            pack_strips(right, depth, columns, width, strips);
+            pack_strips(right, depth, terms, columns, width, strips);
             strips
         }
     };
     // The lines of a transposed factor are read side by side, as many as the processor fetches ahead.
     let part = match left {
-        Factor::Plain(_) => depth.max(1),
+        Factor::Plain(_) => terms.len().max(1),
         Factor::Transposed(_) => SIDE_BY_SIDE,
     };
-    for first_term in (0..depth.max(1)).step_by(part) {
-        let terms = first_term..depth.min(first_term + part);
+    for first_term in (0..terms.len().max(1)).step_by(part) {
+        let part = first_term..terms.len().min(first_term + part);
         for first_row in (0..rows).step_by(ROWS_TOGETHER) {
-            let end = rows.min(first_row + ROWS_TOGETHER);
-            for (strip, first_column) in (0..columns).step_by(width).enumerate() {
-                let strip = &strips[strip * depth * width..][..depth * width];
-                let used = width.min(columns - first_column);
-                let mut row = first_row;
-                while row < end {
-                    let tile_rows = match end - row {
-                        TILE_ROWS.. => TILE_ROWS,
-                        LAST_ROWS.. => LAST_ROWS,
-                        _ => 1,
-                    };
-                    let tile = Tile {
-                        left,
-                        rows,
-                        row,
-                        terms: terms.clone(),
-                        strip: &strip[terms.start * width..terms.end * width],
-                        start: if first_term == 0 { start } else { Start::Add },
-                        rectify: rectify && terms.end == depth,
-                    };
-                    let result = &mut result[row * columns + first_column..];
-                    if used == width {
-                        tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, result, columns);
-                    } else {
-                        // A tile that stands out over the edge is computed beside the result.
-                        for (beside, line) in edge
-                            .chunks_exact_mut(width)
-                            .zip(result.chunks(columns))
-                            .take(tile_rows)
-                        {
-                            beside[..used].copy_from_slice(&line[..used]);
-                        }
-                        tile.compute::<S, VECTORS, FUSED>(simd, tile_rows, edge, width);
-                        for (beside, line) in edge
-                            .chunks_exact(width)
-                            .zip(result.chunks_mut(columns))
-                            .take(tile_rows)
-                        {
-                            line[..used].copy_from_slice(&beside[..used]);
-                        }
+            let together = first_row..rows.min(first_row + ROWS_TOGETHER);
+            live.clear();
+            silent.clear();
+            match left {
+                Factor::Plain(left) => {
+                    for row in together {
+                        let kind = if is_zero(left, row, depth) {
+                            &mut *silent
+                        } else {
+                            &mut *live
+                        };
+                        kind.push(row);
                     }
-                    row += tile_rows;
                 }
+                Factor::Transposed(_) => live.extend(together),
+            }
+            for (strip, first_column) in (0..columns).step_by(width).enumerate() {
+                let strip = &strips[strip * terms.len() * width..];
+                let tiles = Tiles {
+                    left,
+                    rows,
+                    depth,
+                    terms: &terms[part.clone()],
+                    strip: &strip[part.start * width..part.end * width],
+                    start: if first_term == 0 { start } else { Start::Add },
+                    rectify: rectify && part.end == terms.len(),
+                    columns,
+                    first_column,
+                };
+                tiles.visit::<S, VECTORS, FUSED>(simd, live, result);
+            }
+            for &row in silent.iter() {
+                finish_silent(start, rectify, row, &mut result[row * columns..][..columns]);
             }
         }
     }
 }
 
-/// `[depth, columns]` as strips of `width` columns, each `[depth, width]`. Columns beyond the matrix stay as they are.
+/// Whether a line of a matrix holds nothing but zeros. Looks at as few values as say so.
 #[inline(always)]
-fn pack_strips(right: Factor<'_>, depth: usize, columns: usize, width: usize, strips: &mut Vec<f32>) {
-    strips.resize(columns.div_ceil(width) * depth * width, 0.0);
-    let strips = strips.chunks_exact_mut(depth * width);
+fn is_zero(matrix: &[f32], line: usize, length: usize) -> bool {
+    const TOGETHER: usize = 32;
+    let mut parts = matrix[line * length..][..length].chunks(TOGETHER);
+    // Without its sign, a zero's bits are zero.
+    parts.all(|part| part.iter().fold(0, |bits, value| bits | value.to_bits() << 1) == 0)
+}
+
+/// A row of the result to which no term adds anything.
+fn finish_silent(start: Start<'_>, rectify: bool, row: usize, line: &mut [f32]) {
+    match start {
+        Start::Zero => line.fill(0.0),
+        Start::Rows(values) => line.fill(values[row]),
+        Start::Add => {}
+    }
+    if rectify {
+        line.iter_mut().for_each(|value| *value = value.max(0.0));
+    }
+}
+
+/// These terms of `[depth, columns]` as strips of `width` columns, each `[terms, width]`; of a transposed factor, all of them. Columns
+/// beyond the matrix stay as they are.
+#[inline(always)]
+fn pack_strips(
+    right: Factor<'_>,
+    depth: usize,
+    terms: &[usize],
+    columns: usize,
+    width: usize,
+    strips: &mut Vec<f32>,
+) {
+    let length = terms.len() * width;
+    strips.resize(columns.div_ceil(width) * length, 0.0);
+    let strips = strips.chunks_exact_mut(length.max(1));
     for (strip, first) in strips.zip((0..columns).step_by(width)) {
         let used = width.min(columns - first);
         match right {
             Factor::Plain(right) => {
-                for (packed, row) in strip.chunks_exact_mut(width).zip(right.chunks_exact(columns)) {
-                    packed[..used].copy_from_slice(&row[first..first + used]);
+                for (packed, &term) in strip.chunks_exact_mut(width).zip(terms) {
+                    packed[..used].copy_from_slice(&right[term * columns + first..][..used]);
                 }
             }
             Factor::Transposed(right) => {
@@ -246,57 +282,76 @@ pub fn transpose(values: &[f32], columns: usize, result: &mut [f32], length: usi
     }
 }
 
-/// A register tile.
-struct Tile<'a> {
+/// What the register tiles of one strip have in common.
+struct Tiles<'a> {
     left: Factor<'a>,
-    /// Rows of the left factor, and the tile's first.
+    /// Rows of the left factor, and its columns.
     rows: usize,
-    row: usize,
+    depth: usize,
     /// Terms of the sums that are added.
-    terms: std::ops::Range<usize>,
+    terms: &'a [usize],
     /// Their part of the right factor, `[terms, width]`.
     strip: &'a [f32],
     start: Start<'a>,
     rectify: bool,
+    /// Columns of the result, and the strip's first.
+    columns: usize,
+    first_column: usize,
 }
 
-impl Tile<'_> {
-    /// `result` begins with the tile's first element; its rows are `stride` apart.
+impl Tiles<'_> {
+    /// Computes these rows of the result, which follow one another if the left factor is transposed.
     #[inline(always)]
-    fn compute<S: Simd, const VECTORS: usize, const FUSED: bool>(
+    fn visit<S: Simd, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
-        rows: usize,
+        rows: &[usize],
         result: &mut [f32],
-        stride: usize,
     ) {
-        match rows {
-            TILE_ROWS => self.compute_rows::<S, TILE_ROWS, VECTORS, FUSED>(simd, result, stride),
-            LAST_ROWS => self.compute_rows::<S, LAST_ROWS, VECTORS, FUSED>(simd, result, stride),
-            _ => self.compute_rows::<S, 1, VECTORS, FUSED>(simd, result, stride),
+        let (tiles, rest) = rows.as_chunks::<TILE_ROWS>();
+        let (last, rest) = rest.as_chunks::<LAST_ROWS>();
+        for rows in tiles {
+            self.compute::<S, TILE_ROWS, VECTORS, FUSED>(simd, rows, result);
+        }
+        for rows in last {
+            self.compute::<S, LAST_ROWS, VECTORS, FUSED>(simd, rows, result);
+        }
+        for &row in rest {
+            self.compute::<S, 1, VECTORS, FUSED>(simd, &[row], result);
         }
     }
 
     #[inline(always)]
-    fn compute_rows<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
+    fn compute<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
+        rows: &[usize; ROWS],
         result: &mut [f32],
-        stride: usize,
     ) {
+        let width = VECTORS * S::F32_LANES;
+        let used = width.min(self.columns - self.first_column);
+        let first = rows.map(|row| row * self.columns + self.first_column);
+        // Vectors that stand out over the edge are cut off.
+        let lanes = |vector: usize| used.min(vector * S::F32_LANES)..used.min((vector + 1) * S::F32_LANES);
         let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
         match self.start {
             Start::Zero => {}
             Start::Rows(values) => {
-                let values = &values[self.row..][..ROWS];
                 for row in 0..ROWS {
-                    sums[row] = [simd.splat_f32s(values[row]); VECTORS];
+                    sums[row] = [simd.splat_f32s(values[rows[row]]); VECTORS];
                 }
             }
             Start::Add => {
                 for row in 0..ROWS {
-                    let (line, _) = S::as_simd_f32s(&result[row * stride..][..VECTORS * S::F32_LANES]);
-                    sums[row].copy_from_slice(&line[..VECTORS]);
+                    let line = &result[first[row]..][..used];
+                    if used == width {
+                        let (line, _) = S::as_simd_f32s(line);
+                        sums[row].copy_from_slice(&line[..VECTORS]);
+                    } else {
+                        for vector in 0..VECTORS {
+                            sums[row][vector] = simd.partial_load_f32s(&line[lanes(vector)]);
+                        }
+                    }
                 }
             }
         }
@@ -304,16 +359,15 @@ impl Tile<'_> {
         let (vectors, _) = vectors.as_chunks::<VECTORS>();
         let mut sums = match self.left {
             Factor::Plain(values) => {
-                let depth = vectors.len();
                 let mut lines = [values; ROWS];
                 for row in 0..ROWS {
-                    lines[row] = &values[(self.row + row) * depth..][..depth];
+                    lines[row] = &values[rows[row] * self.depth..][..self.depth];
                 }
-                along_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines)
+                along_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines, self.terms)
             }
             Factor::Transposed(values) => {
-                let lines = values[self.terms.start * self.rows + self.row..].chunks(self.rows);
-                across_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines)
+                let (values, length) = (&values[rows[0]..], self.rows);
+                across_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, values, length, self.terms)
             }
         };
         if self.rectify {
@@ -323,8 +377,15 @@ impl Tile<'_> {
             }
         }
         for row in 0..ROWS {
-            let (line, _) = S::as_mut_simd_f32s(&mut result[row * stride..][..VECTORS * S::F32_LANES]);
-            line[..VECTORS].copy_from_slice(&sums[row]);
+            let line = &mut result[first[row]..][..used];
+            if used == width {
+                let (line, _) = S::as_mut_simd_f32s(line);
+                line[..VECTORS].copy_from_slice(&sums[row]);
+            } else {
+                for vector in 0..VECTORS {
+                    simd.partial_store_f32s(&mut line[lanes(vector)], sums[row][vector]);
+                }
+            }
         }
     }
 }
@@ -337,8 +398,9 @@ fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bo
     mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
     lines: [&[f32]; ROWS],
+    terms: &[usize],
 ) -> [[S::f32s; VECTORS]; ROWS] {
-    for (term, vectors) in vectors.iter().enumerate() {
+    for (vectors, &term) in vectors.iter().zip(terms) {
         for row in 0..ROWS {
             add_products::<S, VECTORS, FUSED>(simd, &mut sums[row], vectors, lines[row][term]);
         }
@@ -346,17 +408,19 @@ fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bo
     sums
 }
 
-/// The inner loop with a term's factors at the beginning of a line.
+/// The inner loop with a term's factors at the beginning of a line of this length.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "arrays side by side")]
 fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
     simd: S,
     mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
-    lines: std::slice::Chunks<'_, f32>,
+    values: &[f32],
+    length: usize,
+    terms: &[usize],
 ) -> [[S::f32s; VECTORS]; ROWS] {
-    for (vectors, line) in vectors.iter().zip(lines) {
-        let line = &line[..ROWS];
+    for (vectors, &term) in vectors.iter().zip(terms) {
+        let line = &values[term * length..][..ROWS];
         for row in 0..ROWS {
             add_products::<S, VECTORS, FUSED>(simd, &mut sums[row], vectors, line[row]);
         }
@@ -405,62 +469,93 @@ mod tests {
             .collect()
     }
 
+    /// Which lines of the factors are all zeros.
+    #[derive(Clone, Copy, Debug)]
+    enum Silent {
+        Nothing,
+        /// Every other row of the left factor, and two of three of the right one.
+        Some,
+        All,
+    }
+
+    /// Also with a scratch that other products have used.
     #[test]
     fn every_form_is_the_plain_sum_bit_for_bit_with_and_without_vectors() {
+        let mut scratch = Scratch::default();
+        for silent in [Silent::Nothing, Silent::Some, Silent::All] {
+            for size in SIZES {
+                for rounding in [Rounding::Fused, Rounding::Each] {
+                    check(silent, size, rounding, &mut scratch);
+                }
+            }
+        }
+    }
+
+    fn check(
+        silent: Silent,
+        (rows, depth, columns): (usize, usize, usize),
+        rounding: Rounding,
+        scratch: &mut Scratch,
+    ) {
         let mut stream = initial(1, 0);
         let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| stream.normal() as f32).collect() };
-        for (rows, depth, columns) in SIZES {
-            let (left, right) = (numbers(rows * depth), numbers(depth * columns));
-            let (biases, before) = (numbers(rows), numbers(rows * columns));
-            let (left_turned, right_turned) = (turned(&left, depth), turned(&right, columns));
-            for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add]
-                .into_iter()
-                .enumerate()
-            {
-                for rounding in [Rounding::Fused, Rounding::Each] {
-                    let expected: Vec<f32> = (0..rows * columns)
-                        .map(|place| {
-                            let (row, column) = (place / columns, place % columns);
-                            let first = [0.0, biases[row], before[place]][form];
-                            let sum = (0..depth).fold(first, |sum, p| {
-                                let (one, other) = (left[row * depth + p], right[p * columns + column]);
-                                match rounding {
-                                    Rounding::Fused => libm::fmaf(one, other, sum),
-                                    Rounding::Each => sum + one * other,
-                                }
-                            });
-                            sum.max(0.0)
-                        })
-                        .collect();
-                    for (transposed, vectors) in [(false, false), (false, true), (true, false), (true, true)]
-                    {
+        let (mut left, mut right) = (numbers(rows * depth), numbers(depth * columns));
+        let silenced = |line: usize, period: usize| match silent {
+            Silent::Nothing => false,
+            Silent::Some => !line.is_multiple_of(period),
+            Silent::All => true,
+        };
+        for (matrix, length, period) in [(&mut left, depth, 2), (&mut right, columns, 3)] {
+            let lines = matrix.chunks_mut(length).enumerate();
+            lines
+                .filter(|(line, _)| silenced(*line, period))
+                .for_each(|(_, values)| values.fill(0.0));
+        }
+        let (biases, before) = (numbers(rows), numbers(rows * columns));
+        let (left_turned, right_turned) = (turned(&left, depth), turned(&right, columns));
+        for (form, start) in [Start::Zero, Start::Rows(&biases), Start::Add]
+            .into_iter()
+            .enumerate()
+        {
+            let expected: Vec<f32> = (0..rows * columns)
+                .map(|place| {
+                    let (row, column) = (place / columns, place % columns);
+                    let first = [0.0, biases[row], before[place]][form];
+                    let sum = (0..depth).fold(first, |sum, p| {
+                        let (one, other) = (left[row * depth + p], right[p * columns + column]);
+                        match rounding {
+                            Rounding::Fused => libm::fmaf(one, other, sum),
+                            Rounding::Each => sum + one * other,
+                        }
+                    });
+                    sum.max(0.0)
+                })
+                .collect();
+            for left in [Factor::Plain(&left), Factor::Transposed(&left_turned)] {
+                for right in [Factor::Plain(&right), Factor::Transposed(&right_turned)] {
+                    for vectors in [false, true] {
                         let mut result = before.clone();
-                        let factor = |plain, turned| {
-                            if transposed {
-                                Factor::Transposed(turned)
-                            } else {
-                                Factor::Plain(plain)
-                            }
-                        };
                         let product = Product {
-                            left: factor(&left, &left_turned),
-                            right: factor(&right, &right_turned),
+                            left,
+                            right,
                             depth,
                             columns,
                             start,
                             rectify: true,
                             rounding,
                             result: &mut result,
-                            scratch: &mut Scratch::default(),
+                            scratch: &mut *scratch,
                         };
                         if vectors {
                             product.compute();
                         } else {
                             product.with_simd(Scalar::new());
                         }
+                        let transposed = [left, right].map(|factor| matches!(factor, Factor::Transposed(_)));
                         assert!(
                             result == expected,
-                            "{rows} x {depth} x {columns}, {rounding:?}, transposed: {transposed}, vectors: {vectors}"
+                            "{rows} x {depth} x {columns}, {rounding:?}, transposed: {transposed:?}, \
+                             vectors: {vectors}, silent: {silent:?}"
                         );
                     }
                 }
