@@ -4,7 +4,7 @@
 //! seed on any machine: every sum below has one fixed order, nothing is fused, and transcendental functions are libm's.
 //! Inner loops run over a layer's outputs, so that they vectorise, at whatever width the machine has, without changing a sum.
 
-use crate::product::{Factor, Product, Rounding, Scratch, Start, transpose};
+use crate::product::{Factor, Product, Rounding, Scratch, Start, rectified, transpose};
 use host_sim::lanes::Vectors;
 use host_sim::stream::Stream;
 use rayon::prelude::*;
@@ -186,7 +186,7 @@ impl Network {
             let (before, after) = activations.0.split_at_mut(index + 1);
             layer.forward(&before[index], &mut after[0]);
             if index < last {
-                after[0].iter_mut().for_each(|value| *value = value.max(0.0));
+                after[0].iter_mut().for_each(|value| *value = rectified(*value));
             }
         }
     }

@@ -4,8 +4,10 @@
 //! product are the same on every machine. That is why this is written here and not taken from a library, whose
 //! sums depend on the instruction set found at run time. The instruction set (AVX-512, AVX2 or none) is `pulp`'s choice.
 //!
-//! Lines of nothing but zeros are left out, since they add nothing to a finite sum: a unit that its rectifier silences for a whole
-//! batch costs nothing in the layer after it, in the slopes before it and in its weights' gradient.
+//! Lines of a plain factor that hold nothing but zeros are left out: beside finite numbers they add nothing. So a unit that its
+//! rectifier silences for a whole batch costs nothing in the product of the next layer, and in backward runs neither in the product
+//! with its weights nor in that of their gradient. Beside NaN or infinity such a line would have made NaN; learners look for those
+//! in their parameters ([`crate::laboratory::state::State::check_finite`]).
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -23,14 +25,15 @@ const ROWS_TOGETHER: usize = 8 * TILE_ROWS;
 /// caches others use too).
 const SIDE_BY_SIDE: usize = 32;
 
-/// Space for packed factors, and for the numbers of the lines that count.
+/// Space for packed factors, and for lists of lines.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     strips: Vec<f32>,
     /// Terms whose line of the right factor is not all zeros.
     terms: Vec<usize>,
-    /// Rows whose line of the left factor is not all zeros, and the others.
+    /// Rows whose line of the left factor is not all zeros.
     live: Vec<usize>,
+    /// The other rows.
     silent: Vec<usize>,
 }
 
@@ -111,17 +114,17 @@ impl WithSimd for Product<'_> {
 #[inline(always)]
 fn widths<S: Simd, const FUSED: bool>(simd: S, product: Product<'_>) {
     if product.columns <= S::F32_LANES {
-        tiles::<S, 1, FUSED>(simd, product);
+        strips::<S, 1, FUSED>(simd, product);
     } else if S::F32_LANES < 16 || product.columns <= 2 * S::F32_LANES {
-        tiles::<S, 2, FUSED>(simd, product);
+        strips::<S, 2, FUSED>(simd, product);
     } else {
-        tiles::<S, 4, FUSED>(simd, product);
+        strips::<S, 4, FUSED>(simd, product);
     }
 }
 
-/// Packs the right factor so that inner loops read it in order, and visits the tiles.
+/// Packs the right factor so that inner loops read it in order, and visits the tiles of all strips.
 #[inline(always)]
-fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Product<'_>) {
+fn strips<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Product<'_>) {
     let Product {
         left,
         right,
@@ -181,19 +184,19 @@ fn tiles<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pro
                 Factor::Transposed(_) => live.extend(together),
             }
             for (strip, first_column) in (0..columns).step_by(width).enumerate() {
-                let strip = &strips[strip * terms.len() * width..];
-                let tiles = Tiles {
+                let packed = &strips[strip * terms.len() * width..];
+                let strip = Strip {
                     left,
                     rows,
                     depth,
                     terms: &terms[part.clone()],
-                    strip: &strip[part.start * width..part.end * width],
+                    packed: &packed[part.start * width..part.end * width],
                     start: if first_term == 0 { start } else { Start::Add },
                     rectify: rectify && part.end == terms.len(),
                     columns,
                     first_column,
                 };
-                tiles.visit::<S, VECTORS, FUSED>(simd, live, result);
+                strip.compute::<S, VECTORS, FUSED>(simd, live, result);
             }
             for &row in silent.iter() {
                 finish_silent(start, rectify, row, &mut result[row * columns..][..columns]);
@@ -211,7 +214,7 @@ fn is_zero(matrix: &[f32], line: usize, length: usize) -> bool {
     parts.all(|part| part.iter().fold(0, |bits, value| bits | value.to_bits() << 1) == 0)
 }
 
-/// A row of the result to which no term adds anything.
+/// Computes a row of the result to which no term adds anything.
 fn finish_silent(start: Start<'_>, rectify: bool, row: usize, line: &mut [f32]) {
     match start {
         Start::Zero => line.fill(0.0),
@@ -219,12 +222,18 @@ fn finish_silent(start: Start<'_>, rectify: bool, row: usize, line: &mut [f32]) 
         Start::Add => {}
     }
     if rectify {
-        line.iter_mut().for_each(|value| *value = value.max(0.0));
+        line.iter_mut().for_each(|value| *value = rectified(*value));
     }
 }
 
-/// These terms of `[depth, columns]` as strips of `width` columns, each `[terms, width]`; of a transposed factor, all of them. Columns
-/// beyond the matrix stay as they are.
+/// A positive value, or 0. Not the maximum: whether that of 0 and -0 is 0 depends on the machine.
+#[inline(always)]
+pub fn rectified(value: f32) -> f32 {
+    if value > 0.0 { value } else { 0.0 }
+}
+
+/// These terms of `[depth, columns]` as strips of `width` columns, each `[terms, width]`; of a transposed factor, all terms. Columns
+/// beyond the matrix stay as they are, since nothing that is made of them is kept.
 #[inline(always)]
 fn pack_strips(
     right: Factor<'_>,
@@ -282,27 +291,28 @@ pub fn transpose(values: &[f32], columns: usize, result: &mut [f32], length: usi
     }
 }
 
-/// What the register tiles of one strip have in common.
-struct Tiles<'a> {
+/// A strip of the result's columns, and what is added to it.
+struct Strip<'a> {
     left: Factor<'a>,
-    /// Rows of the left factor, and its columns.
+    /// Rows of the left factor.
     rows: usize,
+    /// Columns of the left factor.
     depth: usize,
     /// Terms of the sums that are added.
     terms: &'a [usize],
     /// Their part of the right factor, `[terms, width]`.
-    strip: &'a [f32],
+    packed: &'a [f32],
     start: Start<'a>,
     rectify: bool,
-    /// Columns of the result, and the strip's first.
+    /// Columns of the result.
     columns: usize,
     first_column: usize,
 }
 
-impl Tiles<'_> {
-    /// Computes these rows of the result, which follow one another if the left factor is transposed.
+impl Strip<'_> {
+    /// Computes the strip in these rows, tile by tile. If the left factor is transposed, the rows follow one another.
     #[inline(always)]
-    fn visit<S: Simd, const VECTORS: usize, const FUSED: bool>(
+    fn compute<S: Simd, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
         rows: &[usize],
@@ -311,18 +321,18 @@ impl Tiles<'_> {
         let (tiles, rest) = rows.as_chunks::<TILE_ROWS>();
         let (last, rest) = rest.as_chunks::<LAST_ROWS>();
         for rows in tiles {
-            self.compute::<S, TILE_ROWS, VECTORS, FUSED>(simd, rows, result);
+            self.tile::<S, TILE_ROWS, VECTORS, FUSED>(simd, rows, result);
         }
         for rows in last {
-            self.compute::<S, LAST_ROWS, VECTORS, FUSED>(simd, rows, result);
+            self.tile::<S, LAST_ROWS, VECTORS, FUSED>(simd, rows, result);
         }
         for &row in rest {
-            self.compute::<S, 1, VECTORS, FUSED>(simd, &[row], result);
+            self.tile::<S, 1, VECTORS, FUSED>(simd, &[row], result);
         }
     }
 
     #[inline(always)]
-    fn compute<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
+    fn tile<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
         &self,
         simd: S,
         rows: &[usize; ROWS],
@@ -355,7 +365,7 @@ impl Tiles<'_> {
                 }
             }
         }
-        let (vectors, _) = S::as_simd_f32s(self.strip);
+        let (vectors, _) = S::as_simd_f32s(self.packed);
         let (vectors, _) = vectors.as_chunks::<VECTORS>();
         let mut sums = match self.left {
             Factor::Plain(values) => {
@@ -366,14 +376,19 @@ impl Tiles<'_> {
                 along_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines, self.terms)
             }
             Factor::Transposed(values) => {
-                let (values, length) = (&values[rows[0]..], self.rows);
-                across_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, values, length, self.terms)
+                let lines = Lines {
+                    values,
+                    length: self.rows,
+                    first: rows[0],
+                };
+                across_lines::<S, ROWS, VECTORS, FUSED>(simd, sums, vectors, lines, self.terms)
             }
         };
         if self.rectify {
             let zero = simd.splat_f32s(0.0);
             for sum in sums.as_flattened_mut() {
-                *sum = simd.max_f32s(*sum, zero);
+                // As `rectified`.
+                *sum = simd.select_f32s(simd.greater_than_f32s(*sum, zero), *sum, zero);
             }
         }
         for row in 0..ROWS {
@@ -408,19 +423,27 @@ fn along_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bo
     sums
 }
 
-/// The inner loop with a term's factors at the beginning of a line of this length.
+/// Parts of a matrix's lines.
+struct Lines<'a> {
+    values: &'a [f32],
+    /// Length of a whole line.
+    length: usize,
+    /// Where the part begins in each.
+    first: usize,
+}
+
+/// The inner loop with a term's factors side by side in a line.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "arrays side by side")]
 fn across_lines<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(
     simd: S,
     mut sums: [[S::f32s; VECTORS]; ROWS],
     vectors: &[[S::f32s; VECTORS]],
-    values: &[f32],
-    length: usize,
+    lines: Lines<'_>,
     terms: &[usize],
 ) -> [[S::f32s; VECTORS]; ROWS] {
     for (vectors, &term) in vectors.iter().zip(terms) {
-        let line = &values[term * length..][..ROWS];
+        let line = &lines.values[term * lines.length + lines.first..][..ROWS];
         for row in 0..ROWS {
             add_products::<S, VECTORS, FUSED>(simd, &mut sums[row], vectors, line[row]);
         }
@@ -469,47 +492,53 @@ mod tests {
             .collect()
     }
 
-    /// Which lines of the factors are all zeros.
+    /// Which values of the factors are zeros.
     #[derive(Clone, Copy, Debug)]
-    enum Silent {
-        Nothing,
+    enum Zeros {
+        None,
         /// Every other row of the left factor, and two of three of the right one.
-        Some,
-        All,
+        SomeLines,
+        AllLines,
+        /// All of a line but its last value.
+        Beginnings,
     }
 
     /// Also with a scratch that other products have used.
     #[test]
-    fn every_form_is_the_plain_sum_bit_for_bit_with_and_without_vectors() {
+    fn every_form_is_the_plain_sum_bit_for_bit_whatever_the_vectors() {
         let mut scratch = Scratch::default();
-        for silent in [Silent::Nothing, Silent::Some, Silent::All] {
+        for zeros in [Zeros::None, Zeros::SomeLines, Zeros::AllLines, Zeros::Beginnings] {
             for size in SIZES {
                 for rounding in [Rounding::Fused, Rounding::Each] {
-                    check(silent, size, rounding, &mut scratch);
+                    for rectify in [false, true] {
+                        check(zeros, size, rounding, rectify, &mut scratch);
+                    }
                 }
             }
         }
     }
 
     fn check(
-        silent: Silent,
+        zeros: Zeros,
         (rows, depth, columns): (usize, usize, usize),
         rounding: Rounding,
+        rectify: bool,
         scratch: &mut Scratch,
     ) {
         let mut stream = initial(1, 0);
         let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| stream.normal() as f32).collect() };
         let (mut left, mut right) = (numbers(rows * depth), numbers(depth * columns));
-        let silenced = |line: usize, period: usize| match silent {
-            Silent::Nothing => false,
-            Silent::Some => !line.is_multiple_of(period),
-            Silent::All => true,
-        };
         for (matrix, length, period) in [(&mut left, depth, 2), (&mut right, columns, 3)] {
-            let lines = matrix.chunks_mut(length).enumerate();
-            lines
-                .filter(|(line, _)| silenced(*line, period))
-                .for_each(|(_, values)| values.fill(0.0));
+            for (index, line) in matrix.chunks_mut(length).enumerate() {
+                let count = match zeros {
+                    Zeros::SomeLines if !index.is_multiple_of(period) => length,
+                    Zeros::AllLines => length,
+                    Zeros::Beginnings => length - 1,
+                    _ => 0,
+                };
+                // Both zeros are zeros.
+                line[..count].fill(if index % 4 == 1 { -0.0 } else { 0.0 });
+            }
         }
         let (biases, before) = (numbers(rows), numbers(rows * columns));
         let (left_turned, right_turned) = (turned(&left, depth), turned(&right, columns));
@@ -528,35 +557,37 @@ mod tests {
                             Rounding::Each => sum + one * other,
                         }
                     });
-                    sum.max(0.0)
+                    if rectify { rectified(sum) } else { sum }
                 })
                 .collect();
             for left in [Factor::Plain(&left), Factor::Transposed(&left_turned)] {
                 for right in [Factor::Plain(&right), Factor::Transposed(&right_turned)] {
-                    for vectors in [false, true] {
+                    let mut compute = |vectors: &str, run: &dyn Fn(Product<'_>)| {
                         let mut result = before.clone();
-                        let product = Product {
+                        run(Product {
                             left,
                             right,
                             depth,
                             columns,
                             start,
-                            rectify: true,
+                            rectify,
                             rounding,
                             result: &mut result,
                             scratch: &mut *scratch,
-                        };
-                        if vectors {
-                            product.compute();
-                        } else {
-                            product.with_simd(Scalar::new());
-                        }
+                        });
                         let transposed = [left, right].map(|factor| matches!(factor, Factor::Transposed(_)));
+                        let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
                         assert!(
-                            result == expected,
-                            "{rows} x {depth} x {columns}, {rounding:?}, transposed: {transposed:?}, \
-                             vectors: {vectors}, silent: {silent:?}"
+                            bits(&result) == bits(&expected),
+                            "{rows} x {depth} x {columns}, {rounding:?}, rectify: {rectify}, \
+                             transposed: {transposed:?}, zeros: {zeros:?}, vectors: {vectors}"
                         );
+                    };
+                    compute("widest", &|product| product.compute());
+                    compute("none", &|product| product.with_simd(Scalar::new()));
+                    #[cfg(target_arch = "x86_64")]
+                    if let Some(simd) = pulp::x86::V3::try_new() {
+                        compute("AVX2", &|product| Simd::vectorize(simd, product));
                     }
                 }
             }
