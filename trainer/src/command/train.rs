@@ -107,7 +107,7 @@ pub fn train(identity: &RunIdentity, out: &Path, conduct: &Conduct) -> Result<Va
     let folder = RunFolder::new(out);
     let _claim = folder.claim(identity, conduct.resume)?;
     let run = identity.to_json();
-    restore(learner.as_mut(), &folder, &run)?;
+    restore(learner.as_mut(), &folder, &run, conduct)?;
     let (length, before) = (learner.length(), learner.done());
     let mut log = MetricsLog::open(&folder.metrics(), &folder.events(), before)?;
     let progress = Progress::new(length, before, conduct.quiet);
@@ -132,9 +132,12 @@ pub fn train(identity: &RunIdentity, out: &Path, conduct: &Conduct) -> Result<Va
 }
 
 /// Goes back to the folder's checkpoint, if there is one.
-fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result<()> {
+fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value, conduct: &Conduct) -> Result<()> {
     let path = folder.checkpoint();
     if !path.exists() {
+        if conduct.resume && !conduct.quiet {
+            eprintln!("{}: no checkpoint, the run begins anew", path.display());
+        }
         return Ok(());
     }
     let place = path.display().to_string();
@@ -143,17 +146,17 @@ fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result
     learner.restore(state).map_err(|error| error.within(place))
 }
 
-/// Metrics first: a checkpoint never knows of an episode that they lack. Actors that are no numbers end the run, and leave the last
-/// checkpoint that had some.
+/// Metrics first: a checkpoint never knows of an episode that they lack. A learner that holds anything but numbers ends the run, and
+/// leaves the last checkpoint that was sound.
 fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut MetricsLog) -> Result<()> {
     log.flush()?;
-    let actors = learner.actors();
-    actors
-        .check()
+    let state = learner.state();
+    state
+        .check_finite()
         .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
-    let bytes = checkpoint::to_bytes(run, &learner.state())?;
+    let bytes = checkpoint::to_bytes(run, &state)?;
     write_whole(&folder.checkpoint(), &bytes)?;
-    write_whole(&folder.actors(), &to_safetensors(&actors)?)
+    write_whole(&folder.actors(), &to_safetensors(&learner.actors())?)
 }
 
 /// Writes what a finished run leaves behind.
@@ -261,9 +264,9 @@ impl Progress {
 mod tests {
     use super::*;
     use crate::laboratory::actors::Actors;
-    use crate::laboratory::state::State;
+    use crate::laboratory::state::{State, Values};
 
-    /// The actors of another learner, with one parameter that is no number.
+    /// Another learner, with one value that is no number.
     struct Diverged(Box<dyn Learner>);
 
     impl Learner for Diverged {
@@ -280,7 +283,14 @@ mod tests {
         }
 
         fn state(&self) -> State {
-            self.0.state()
+            let mut state = self.0.state();
+            let mut tensors = state.tensors.values_mut();
+            let first = tensors.find_map(|tensor| match &mut tensor.values {
+                Values::F32(values) => values.first_mut(),
+                _ => None,
+            });
+            *first.unwrap() = f32::NAN;
+            state
         }
 
         fn restore(&mut self, state: State) -> Result<()> {
@@ -288,9 +298,7 @@ mod tests {
         }
 
         fn actors(&self) -> Actors {
-            let mut actors = self.0.actors();
-            actors.networks[0].layers[0].biases[0] = f32::NAN;
-            actors
+            self.0.actors()
         }
     }
 
@@ -307,7 +315,7 @@ mod tests {
         let failure = save(&Diverged(learner), &run, &Value::Null, &mut log).unwrap_err();
         assert_eq!(
             failure.to_string(),
-            "after episode 1: actor of vehicle 0: layers.0: found NaN, expected finite numbers"
+            "after episode 1: deviation: found NaN, expected finite numbers"
         );
         assert_eq!(saved(), before);
     }

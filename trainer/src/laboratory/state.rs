@@ -146,6 +146,21 @@ impl State {
             .map_err(|error| Error::input("counters", error, "those of this algorithm"))
     }
 
+    /// Checks that every value is a number.
+    ///
+    /// # Errors
+    /// Names the first tensor that holds another.
+    pub fn check_finite(&self) -> Result<()> {
+        for (name, tensor) in &self.tensors {
+            if let Values::F32(values) = &tensor.values
+                && let Some(found) = values.iter().find(|value| !value.is_finite())
+            {
+                return Err(Error::input(name, found, "finite numbers"));
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses tensors that nobody has taken.
     ///
     /// # Errors
