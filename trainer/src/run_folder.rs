@@ -144,6 +144,23 @@ impl RunFolder {
         Ok(())
     }
 
+    /// Checks that a result of this task, whose report repeats it, takes no other's place.
+    ///
+    /// # Errors
+    /// If the folder holds a run of `train`, or a result of another task.
+    pub fn check_free_for(&self, task: &Value) -> Result<()> {
+        self.check_no_run()?;
+        let report = self.report();
+        if !report.exists() {
+            return check_absent(&[self.actors(), self.table()]);
+        }
+        let mut found = read_json(&report)?;
+        if let Value::Object(found) = &mut found {
+            found.retain(|key, _| task.get(key).is_some());
+        }
+        check_same_run(&report, &found, task)
+    }
+
     /// Begins a run, or goes on with it, and keeps other processes out for as long as the returned file is held.
     ///
     /// # Errors
@@ -152,14 +169,7 @@ impl RunFolder {
         check_folder(&self.0)?;
         let path = self.identity();
         if path.exists() {
-            let found = self.read_identity_json()?;
-            if let Some((key, found, expected)) = first_difference(&found, &identity.to_json()) {
-                return Err(Error::input(
-                    format!("{}: key {key}", path.display()),
-                    format!("{found}, so another run"),
-                    format!("{expected}, or another folder"),
-                ));
-            }
+            check_same_run(&path, &read_json(&path)?, &identity.to_json())?;
             if !resume {
                 return Err(Error::input(
                     path.display(),
@@ -168,20 +178,13 @@ impl RunFolder {
                 ));
             }
         } else {
-            let files = [
+            check_absent(&[
                 self.checkpoint(),
                 self.metrics(),
                 self.actors(),
                 self.table(),
                 self.report(),
-            ];
-            if let Some(file) = files.iter().find(|file| file.exists()) {
-                return Err(Error::input(
-                    file.display(),
-                    "a file of another run",
-                    "an empty folder",
-                ));
-            }
+            ])?;
             write_whole(&path, format!("{:#}\n", identity.to_json()).as_bytes())?;
         }
         let file = File::open(&path).map_err(|source| Error::file(&path, source))?;
@@ -196,12 +199,6 @@ impl RunFolder {
         }
     }
 
-    fn read_identity_json(&self) -> Result<Value> {
-        let path = self.identity();
-        let text = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
-        serde_json::from_slice(&text).map_err(|error| Error::input(path.display(), error, "a run"))
-    }
-
     /// What the run was told; `None` if the folder is not that of `train`.
     ///
     /// # Errors
@@ -210,7 +207,7 @@ impl RunFolder {
         if !self.identity().exists() {
             return Ok(None);
         }
-        let identity = serde_json::from_value(self.read_identity_json()?);
+        let identity = serde_json::from_value(read_json(&self.identity())?);
         identity
             .map(Some)
             .map_err(|error| Error::input(self.identity().display(), error, "a run of this version"))
@@ -224,6 +221,33 @@ impl RunFolder {
         let path = self.actors();
         let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
         from_safetensors(&path.display().to_string(), &bytes)
+    }
+}
+
+fn read_json(path: &Path) -> Result<Value> {
+    let text = std::fs::read(path).map_err(|source| Error::file(path, source))?;
+    serde_json::from_slice(&text).map_err(|error| Error::input(path.display(), error, "a run"))
+}
+
+fn check_same_run(path: &Path, found: &Value, expected: &Value) -> Result<()> {
+    let Some((key, found, expected)) = first_difference(found, expected) else {
+        return Ok(());
+    };
+    Err(Error::input(
+        format!("{}: key {key}", path.display()),
+        format!("{found}, so another run"),
+        format!("{expected}, or another folder"),
+    ))
+}
+
+fn check_absent(files: &[PathBuf]) -> Result<()> {
+    match files.iter().find(|file| file.exists()) {
+        None => Ok(()),
+        Some(file) => Err(Error::input(
+            file.display(),
+            "a file of another run",
+            "an empty folder",
+        )),
     }
 }
 
@@ -417,5 +441,21 @@ mod tests {
         drop(run.claim(&identity(1), true).unwrap());
         std::fs::rename(run.identity(), run.report()).unwrap();
         assert!(message(1, true).contains("a file of another run"));
+    }
+
+    #[test]
+    fn a_result_is_written_again_but_takes_no_other_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let (task, other) = (serde_json::json!({ "seed": 1 }), serde_json::json!({ "seed": 2 }));
+        run.check_free_for(&task).unwrap();
+        std::fs::write(run.table(), "a table").unwrap();
+        let message = |task| run.check_free_for(task).unwrap_err().to_string();
+        assert!(message(&task).contains("a file of another run"));
+        std::fs::write(run.report(), r#"{ "seed": 1, "seconds": 2.5 }"#).unwrap();
+        run.check_free_for(&task).unwrap();
+        assert!(message(&other).contains("key seed: found 1, so another run, expected 2, or another folder"));
+        std::fs::write(run.identity(), "{}").unwrap();
+        assert!(message(&task).contains("a run of train"));
     }
 }

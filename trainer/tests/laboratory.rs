@@ -230,7 +230,7 @@ fn a_trained_run_is_evaluated_and_exported() {
     assert!(spoilt.contains("--onnx: found "), "{spoilt}");
     let alone = refusal(trainer(&["compare", "--run", run, "--policy", "actor"]));
     assert!(
-        alone.ends_with("--policy: found actor, expected another to compare it with"),
+        alone.ends_with("--policy: found actor, expected others to compare it with"),
         "{alone}"
     );
     let vehicle = refusal(trainer(&["export", "--run", run, "--vehicle", "1"]));

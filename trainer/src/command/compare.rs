@@ -65,12 +65,11 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
         }
         options.table = Some(folder.table());
     }
-    match options.policy.as_slice() {
-        [] => options.policy.push(PolicyName::Clock),
-        policies if policies.iter().all(|&policy| policy == PolicyName::Actor) => {
-            return Err(Error::input("--policy", "actor", "another to compare it with"));
-        }
-        _ => {}
+    if options.policy.contains(&PolicyName::Actor) {
+        return Err(Error::input("--policy", "actor", "others to compare it with"));
+    }
+    if options.policy.is_empty() {
+        options.policy.push(PolicyName::Clock);
     }
     options.policy.push(PolicyName::Actor);
     options.check_typed()?;

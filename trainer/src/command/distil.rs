@@ -153,13 +153,18 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     }
     check_folder(&arguments.out)?;
     let folder = RunFolder::new(&arguments.out);
-    folder.check_no_run()?;
-    let start = Instant::now();
     let recipe = Recipe {
         seed: arguments.seed,
         hidden: arguments.hidden.clone(),
         ..Recipe::default()
     };
+    let mut report = json!({
+        "seed": recipe.seed,
+        "scenario": scenario,
+        "hidden": recipe.hidden,
+    });
+    folder.check_free_for(&report)?;
+    let start = Instant::now();
     let made = pool.install(|| distil_table(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
     let seconds = start.elapsed().as_secs_f64();
     let table = parse_table(None, &made.bytes)?;
@@ -175,20 +180,23 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         extent,
     };
     let comparison = pool.install(|| compare(&simulation, &made.actors, &[table]))?;
-    let report = json!({
-        "seed": recipe.seed,
-        "scenario": scenario,
-        "hidden": recipe.hidden,
-        "cross_entropy": made.loss,
-        "table_bytes": made.bytes.len(),
-        "seconds": seconds,
-        "worlds": extent.worlds,
-        "slots": extent.slots,
-        "agreement": comparison.agreement,
-        "mean_age_ms": comparison.quantised_age_ms,
-        "float_mean_age_ms": comparison.float_age_ms,
-        "age_lost_ms": comparison.quantised_age_ms - comparison.float_age_ms,
-    });
+    let outcome = [
+        ("cross_entropy", json!(made.loss)),
+        ("table_bytes", json!(made.bytes.len())),
+        ("seconds", json!(seconds)),
+        ("worlds", json!(extent.worlds)),
+        ("slots", json!(extent.slots)),
+        ("agreement", json!(comparison.agreement)),
+        ("mean_age_ms", json!(comparison.quantised_age_ms)),
+        ("float_mean_age_ms", json!(comparison.float_age_ms)),
+        (
+            "age_lost_ms",
+            json!(comparison.quantised_age_ms - comparison.float_age_ms),
+        ),
+    ];
+    for (key, value) in outcome {
+        report[key] = value;
+    }
     folder.write(&made.actors, Some(&made.bytes), &report)?;
     if arguments.json {
         say!("{report}");

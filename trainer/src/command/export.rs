@@ -27,7 +27,7 @@ pub struct ExportArguments {
     #[arg(long, value_name = "INDEX", requires = "run")]
     pub vehicle: Option<usize>,
     /// Write the float network as an ONNX model to this file, and nothing else
-    #[arg(long, value_name = "FILE", requires = "run")]
+    #[arg(long, value_name = "FILE", requires = "run", conflicts_with_all = ["check", "out"])]
     pub onnx: Option<PathBuf>,
     /// Seed to distil with
     #[arg(long, conflicts_with = "check")]
