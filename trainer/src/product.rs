@@ -173,12 +173,12 @@ fn strips<S: Simd, const VECTORS: usize, const FUSED: bool>(simd: S, product: Pr
             match left {
                 Factor::Plain(left) => {
                     for row in together {
-                        let kind = if is_zero(left, row, depth) {
+                        let list = if is_zero(left, row, depth) {
                             &mut *silent
                         } else {
                             &mut *live
                         };
-                        kind.push(row);
+                        list.push(row);
                     }
                 }
                 Factor::Transposed(_) => live.extend(together),
