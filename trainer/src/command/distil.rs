@@ -158,12 +158,12 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         hidden: arguments.hidden.clone(),
         ..Recipe::default()
     };
-    let mut report = json!({
+    let task = json!({
         "seed": recipe.seed,
         "scenario": scenario,
         "hidden": recipe.hidden,
     });
-    folder.check_free_for(&report)?;
+    folder.check_free_for(&task)?;
     let start = Instant::now();
     let made = pool.install(|| distil_table(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
     let seconds = start.elapsed().as_secs_f64();
@@ -180,23 +180,20 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         extent,
     };
     let comparison = pool.install(|| compare(&simulation, &made.actors, &[table]))?;
-    let outcome = [
-        ("cross_entropy", json!(made.loss)),
-        ("table_bytes", json!(made.bytes.len())),
-        ("seconds", json!(seconds)),
-        ("worlds", json!(extent.worlds)),
-        ("slots", json!(extent.slots)),
-        ("agreement", json!(comparison.agreement)),
-        ("mean_age_ms", json!(comparison.quantised_age_ms)),
-        ("float_mean_age_ms", json!(comparison.float_age_ms)),
-        (
-            "age_lost_ms",
-            json!(comparison.quantised_age_ms - comparison.float_age_ms),
-        ),
-    ];
-    for (key, value) in outcome {
-        report[key] = value;
-    }
+    let report = json!({
+        "seed": task["seed"],
+        "scenario": task["scenario"],
+        "hidden": task["hidden"],
+        "cross_entropy": made.loss,
+        "table_bytes": made.bytes.len(),
+        "seconds": seconds,
+        "worlds": extent.worlds,
+        "slots": extent.slots,
+        "agreement": comparison.agreement,
+        "mean_age_ms": comparison.quantised_age_ms,
+        "float_mean_age_ms": comparison.float_age_ms,
+        "age_lost_ms": comparison.quantised_age_ms - comparison.float_age_ms,
+    });
     folder.write(&made.actors, Some(&made.bytes), &report)?;
     if arguments.json {
         say!("{report}");

@@ -1,6 +1,6 @@
 //! One network for all vehicles, or one for each: the same calls serve both.
 
-use super::optimiser::{Learned, Step, clip};
+use super::optimiser::{Learned, Step};
 use super::perceptron::{Pass, Perceptron};
 use super::pool::Pool;
 use host_sim::stream::Stream;
@@ -72,31 +72,20 @@ impl Group {
     /// The outputs for the rows of all vehicles, `[sample][vehicle][output]`.
     pub fn outputs(&self, role: Role, rows: &[Rows<'_>]) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self
-            .learned
-            .par_iter()
-            .with_max_len(AT_A_TIME)
-            .enumerate()
-            .map(|(copy, learned)| {
-                let parameters = parameters(learned, role);
-                self.lent
-                    .lend(|pass| run(pass, network, parameters, rows, copy, copies))
-            });
-        side_by_side(&each.collect::<Vec<_>>(), network.outputs())
+        from_each(self.learned.par_iter(), network.outputs(), |copy, learned| {
+            let parameters = parameters(learned, role);
+            self.lent
+                .lend(|pass| run(pass, network, parameters, rows, copy, copies))
+        })
     }
 
     /// The learners' outputs, to be learnt from by [`Group::learn`].
     pub fn forward(&mut self, rows: &[Rows<'_>]) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
-        let each = self
-            .passes
-            .par_iter_mut()
-            .zip(&self.learned)
-            .enumerate()
-            .with_max_len(AT_A_TIME);
-        let each =
-            each.map(|(copy, (pass, learned))| run(pass, network, &learned.parameters, rows, copy, copies));
-        side_by_side(&each.collect::<Vec<_>>(), network.outputs())
+        let each = self.passes.par_iter_mut().zip(&self.learned);
+        from_each(each, network.outputs(), |copy, (pass, learned)| {
+            run(pass, network, &learned.parameters, rows, copy, copies)
+        })
     }
 
     /// Steps down the gradient of a loss with these slopes along the outputs of the last [`Group::forward`],
@@ -129,31 +118,25 @@ impl Group {
     ) -> Vec<f32> {
         let (network, copies) = (&self.network, self.learned.len());
         let (width, lent, gradients) = (network.outputs(), &self.lent, &self.gradients);
-        let each = self
-            .learned
-            .par_iter_mut()
-            .with_max_len(AT_A_TIME)
-            .enumerate()
-            .map(|(copy, learned)| {
-                lent.lend(|pass| {
-                    let targets = run(pass, network, &learned.target, later, copy, copies);
-                    let values = run(pass, network, &learned.parameters, now, copy, copies);
-                    let mut slopes = vec![0.0; values.len()];
-                    let losses = targets
-                        .chunks_exact(width)
-                        .zip(values.chunks_exact(width))
-                        .zip(slopes.chunks_exact_mut(width))
-                        .enumerate()
-                        .map(|(column, ((target, value), slopes))| {
-                            judge(column * copies + copy, target, value, slopes)
-                        })
-                        .collect();
-                    set_slopes(pass, &slopes, width, 0, 1);
-                    descend(gradients, network, learned, pass, step, longest_gradient);
-                    losses
-                })
-            });
-        side_by_side(&each.collect::<Vec<_>>(), 1)
+        from_each(self.learned.par_iter_mut(), 1, |copy, learned| {
+            lent.lend(|pass| {
+                let targets = run(pass, network, &learned.target, later, copy, copies);
+                let values = run(pass, network, &learned.parameters, now, copy, copies);
+                let mut slopes = vec![0.0; values.len()];
+                let losses = targets
+                    .chunks_exact(width)
+                    .zip(values.chunks_exact(width))
+                    .zip(slopes.chunks_exact_mut(width))
+                    .enumerate()
+                    .map(|(column, ((target, value), slopes))| {
+                        judge(column * copies + copy, target, value, slopes)
+                    })
+                    .collect();
+                set_slopes(pass, &slopes, width, 0, 1);
+                descend(gradients, network, learned, pass, step, longest_gradient);
+                losses
+            })
+        })
     }
 
     /// Each network's gradient of a loss with these slopes along the outputs.
@@ -178,24 +161,18 @@ impl Group {
         };
         let (network, copies) = (&self.network, self.learned.len());
         let first: usize = before.iter().map(|rows| rows.width).sum();
-        let each = self
-            .learned
-            .par_iter()
-            .with_max_len(AT_A_TIME)
-            .enumerate()
-            .map(|(copy, learned)| {
-                self.lent.lend(|pass| {
-                    let _outputs = run(pass, network, &learned.parameters, rows, copy, copies);
-                    pass.output_slopes().fill(1.0);
-                    network.backward(&learned.parameters, pass, None, true);
-                    let columns = pass.columns();
-                    lines(
-                        &pass.input_slopes()[first * columns..][..last.width * columns],
-                        columns,
-                    )
-                })
-            });
-        side_by_side(&each.collect::<Vec<_>>(), last.width)
+        from_each(self.learned.par_iter(), last.width, |copy, learned| {
+            self.lent.lend(|pass| {
+                let _outputs = run(pass, network, &learned.parameters, rows, copy, copies);
+                pass.output_slopes().fill(1.0);
+                network.backward(&learned.parameters, pass, None, true);
+                let columns = pass.columns();
+                lines(
+                    &pass.input_slopes()[first * columns..][..last.width * columns],
+                    columns,
+                )
+            })
+        })
     }
 }
 
@@ -208,11 +185,8 @@ fn descend(
     step: Step,
     longest_gradient: f32,
 ) {
-    gradients.lend(|gradient| {
-        gradient.resize(network.parameters(), 0.0);
-        network.backward(&learned.parameters, pass, Some(gradient), false);
-        let scale = clip(gradient, longest_gradient);
-        learned.step(gradient, Step { scale, ..step });
+    learned.descend(gradients, step, longest_gradient, |parameters, gradient| {
+        network.backward(parameters, pass, Some(gradient), false);
     });
 }
 
@@ -253,6 +227,17 @@ fn lines(values: &[f32], columns: usize) -> Vec<f32> {
     (0..columns)
         .flat_map(|column| values.iter().skip(column).step_by(columns).copied())
         .collect()
+}
+
+/// What each network makes, `[column][value]`, as `[sample][vehicle][value]`.
+fn from_each<T: Send>(
+    networks: impl IndexedParallelIterator<Item = T>,
+    width: usize,
+    make: impl Fn(usize, T) -> Vec<f32> + Sync,
+) -> Vec<f32> {
+    let each = networks.enumerate().with_max_len(AT_A_TIME);
+    let made = each.map(|(copy, network)| make(copy, network));
+    side_by_side(&made.collect::<Vec<_>>(), width)
 }
 
 /// Each network's `[column][value]` as `[sample][vehicle][value]`.

@@ -1,5 +1,6 @@
 //! Parameters, the targets that follow them, and Adam, in one run over memory.
 
+use super::pool::Pool;
 use crate::laboratory::state::State;
 use host_sim::error::Result;
 use pulp::{Arch, Simd, WithSimd};
@@ -67,6 +68,23 @@ impl Learned {
             rate,
             root,
             step,
+        });
+    }
+
+    /// Steps down the gradient that `find` writes for the parameters, shortened to at most this length ([`clip`]). Finds whatever
+    /// was left in the room.
+    pub fn descend(
+        &mut self,
+        room: &Pool<Vec<f32>>,
+        step: Step,
+        longest_gradient: f32,
+        find: impl FnOnce(&[f32], &mut [f32]),
+    ) {
+        room.lend(|gradient| {
+            gradient.resize(self.parameters.len(), 0.0);
+            find(&self.parameters, gradient);
+            let scale = clip(gradient, longest_gradient);
+            self.step(gradient, Step { scale, ..step });
         });
     }
 

@@ -7,7 +7,7 @@ use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, s
 use super::critic::{CriticPass, View};
 use super::group::{Role, Rows};
 use super::learner::MaddpgLearner;
-use super::optimiser::{Learned, Step, clip};
+use super::optimiser::{Learned, Step};
 use super::options::{GlobalWeight, GradientForm};
 use super::replay::Batch;
 use super::set_critic::HEADS;
@@ -141,11 +141,8 @@ impl MaddpgLearner {
                     slope * scale
                 })
                 .collect();
-            gradients.lend(|gradient| {
-                gradient.resize(learned.parameters.len(), 0.0);
-                critic.gradient(&learned.parameters, &now, &slopes, pass, gradient);
-                let scale = clip(gradient, options.gradient_clip);
-                learned.step(gradient, Step { scale, ..step });
+            learned.descend(gradients, step, options.gradient_clip, |parameters, gradient| {
+                critic.gradient(parameters, &now, &slopes, pass, gradient);
             });
             loss
         };
