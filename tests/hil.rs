@@ -13,7 +13,7 @@ fn scenario() -> Scenario {
     ScenarioSource::default().read().unwrap()
 }
 
-fn fleet(units: u32, slots: u32, port: Option<u16>) -> host_sim::error::Result<FleetResult> {
+fn fleet(units: u32, slots: u32, port: Option<u16>) -> kit::error::Result<FleetResult> {
     let image = Image::read(image::elf()).unwrap();
     let fleet = Fleet {
         scenario: &scenario(),

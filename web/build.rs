@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 /// What the program is made of, seen from the workspace. Commands, reports, traffic and the chip's tools are not in it.
 const SOURCES: &[&str] = &[
     "firmware/src",
+    "kit/src",
+    "assignment/src",
     "host-sim/presets",
     "host-sim/src/age.rs",
     "host-sim/src/base_station.rs",
@@ -15,7 +17,6 @@ const SOURCES: &[&str] = &[
     "host-sim/src/churn.rs",
     "host-sim/src/decisions.rs",
     "host-sim/src/environment.rs",
-    "host-sim/src/error.rs",
     "host-sim/src/lanes",
     "host-sim/src/mobility",
     "host-sim/src/policy",

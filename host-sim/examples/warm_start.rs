@@ -7,9 +7,9 @@
 //!
 //! Times are CPU seconds of one thread; cold and warm solves alternate, so that both meet the same machine.
 
-use host_sim::assignment::{Assigner, CostWeights, Network, Options, Solution, tntp};
-use host_sim::error::{Error, Result};
+use assignment::{Assigner, CostWeights, Network, Options, Solution, tntp};
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
+use kit::error::{Error, Result};
 use rustix::time::{ClockId, clock_gettime};
 use std::path::Path;
 

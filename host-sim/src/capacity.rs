@@ -4,8 +4,8 @@
 //! less: `Ca = Ca_hat - (A / A_max) dm`, with A the age of what is known, A_max the largest age there is, and dm the
 //! capacity lost at that age.
 
-use crate::assignment::{Algorithm, Demand, Network, Options, Solution, assign, assign_from};
-use crate::error::{Error, Result};
+use assignment::{Algorithm, Demand, Network, Options, Solution, assign, assign_from};
+use kit::error::{Error, Result};
 
 /// How capacity error grows with age.
 #[derive(Debug, Clone, Copy, PartialEq)]

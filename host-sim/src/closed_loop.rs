@@ -7,17 +7,17 @@
 //! routes cost a trip on the true capacities beyond what routes planned on the truth would.
 
 use crate::age::{AgeSummary, WorldAges};
-use crate::assignment::Network;
 use crate::capacity::TrafficState;
 use crate::cell::Cell;
 use crate::environment::Environment;
-use crate::error::{Error, Result};
 use crate::policy::PolicyName;
 use crate::roads::Roads;
 use crate::scenario::PlanningScenario;
 use crate::simulation::{Simulation, run_worlds};
 use crate::stream::{Purpose, Role, Stream, WorldKey};
+use assignment::Network;
 use firmware::table::Table;
+use kit::error::{Error, Result};
 use rayon::prelude::*;
 
 /// What a plan is made on and what comes of it.

@@ -2,7 +2,7 @@
 //!
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
 //! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), and [`simulation`]
-//! runs it. What ages mean for the road: [`capacity`], [`traffic`] and [`assignment`]; [`closed_loop`] plans on the
+//! runs it. What ages mean for the road: [`capacity`], [`traffic`] and the crate [`assignment`]; [`closed_loop`] plans on the
 //! [`roads`] that vehicles report. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on
 //! any machine and for any number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
 //! [`deadline`] says what that takes on the chip.
@@ -13,7 +13,6 @@
 )]
 
 pub mod age;
-pub mod assignment;
 pub mod base_station;
 pub mod capacity;
 pub mod cell;
@@ -26,7 +25,6 @@ pub mod command;
 pub mod deadline;
 pub mod decisions;
 pub mod environment;
-pub mod error;
 #[cfg(not(target_family = "wasm"))]
 pub mod hil;
 pub mod lanes;

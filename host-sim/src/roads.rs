@@ -1,10 +1,10 @@
 //! The roads that the closed loop plans on: those of the scenario's grid, or of a loaded network.
 
-use crate::assignment::{Assigner, Demand, Network};
-use crate::error::{Error, Result};
 use crate::mobility::{Mobility, MobilitySource, Place, StreetMap};
 use crate::scenario::Scenario;
 use crate::traffic::{TrafficModel, planning_options};
+use assignment::{Assigner, Demand, Network};
+use kit::error::{Error, Result};
 
 /// Roads, by the blocks that reports are about: both directions between two nodes are one block.
 pub struct Roads<'s> {

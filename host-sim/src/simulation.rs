@@ -4,13 +4,13 @@ use crate::age::{AgeCounter, AgeSummary, WorldAges, ideal_age_ms};
 use crate::cell::Cell;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::error::{Error, Result};
 use crate::lanes::LANES;
 use crate::mobility::MobilitySource;
 use crate::policy::{Policy, PolicyName};
 use crate::scenario::Scenario;
 use crate::stream::Purpose;
 use firmware::table::Table;
+use kit::error::{Error, Result};
 use rayon::prelude::*;
 
 /// How much is simulated.

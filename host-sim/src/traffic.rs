@@ -1,13 +1,13 @@
 //! What the ages of a cell do to the road: capacity error, user equilibrium, volume over capacity, travel time.
 
-use crate::assignment::grid::{Axis, Direction, Grid};
-use crate::assignment::{Demand, Network, Options, assign};
 use crate::capacity::{CapacityError, Planner, Staleness, TrafficState};
 use crate::cell::Cell;
-use crate::error::Result;
 use crate::mobility::{Heading, Mobility, Place};
 use crate::scenario::Scenario;
+use assignment::grid::{Axis, Direction, Grid};
+use assignment::{Demand, Network, Options, assign};
 use firmware::units::Age;
+use kit::error::Result;
 use rayon::prelude::*;
 
 /// Relative gap of every equilibrium here (chosen: flows are then good to about 1e-6 veh/h on the paper's grid).

@@ -9,7 +9,7 @@ use host_sim::policy::PolicyName;
 use host_sim::scenario::ScenarioSource;
 use host_sim::simulation::{Extent, Simulation};
 
-fn run(settings: &[&str], policies: &[PolicyName], threads: u16) -> host_sim::error::Result<LoopSummary> {
+fn run(settings: &[&str], policies: &[PolicyName], threads: u16) -> kit::error::Result<LoopSummary> {
     let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
     let scenario = ScenarioSource {
         settings,

@@ -278,7 +278,7 @@ fn an_assignment_above_its_gap_says_so_beside_its_results() {
     let flows = file.to_str().unwrap();
     let fixture = |name: &str| {
         format!(
-            "{}/tests/fixtures/SiouxFalls_{name}.tntp",
+            "{}/../assignment/tests/fixtures/SiouxFalls_{name}.tntp",
             env!("CARGO_MANIFEST_DIR")
         )
     };

@@ -1,10 +1,10 @@
 //! The closed loop on a loaded network: where its nodes lie, how vehicles drive on it, what staleness costs there.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+use assignment::coordinates::{LengthUnit, NodePlaces};
+use assignment::tntp::{parse_places, read_network, read_trips};
+use assignment::{CostWeights, Demand, Link, Network, NodeNumbering};
 use firmware::table::Table;
-use host_sim::assignment::coordinates::{LengthUnit, NodePlaces, parse_tntp};
-use host_sim::assignment::tntp::{read_network, read_trips};
-use host_sim::assignment::{CostWeights, Demand, Link, Network, NodeNumbering};
 use host_sim::closed_loop::{LoopSummary, closed_loop};
 use host_sim::command::options::thread_pool;
 use host_sim::mobility::{Mobility, MobilitySource, StreetMap};
@@ -21,7 +21,7 @@ fn scenario() -> Scenario {
 }
 
 fn sioux_falls() -> (Network, Demand) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assignment/tests/fixtures");
     let network = read_network(&folder.join("SiouxFalls_net.tntp"), CostWeights::default()).unwrap();
     let zones = network.numbering().zones;
     let demand = read_trips(&folder.join("SiouxFalls_trips.tntp"), zones).unwrap();
@@ -71,7 +71,7 @@ fn tntp_nodes_are_read_and_bad_ones_named_by_line() {
         first_thru_node: 1,
     };
     let network = Network::new(numbering, links.to_vec(), CostWeights::default()).unwrap();
-    let read = |text: &str| parse_tntp("nodes", text, &network);
+    let read = |text: &str| parse_places("nodes", text, &network);
     let places = read("Node\tX\tY\t;\n2\t-3.5\t4\t;\n~ a comment\n\n1 0 1e3;\n").unwrap();
     assert_eq!(places.places, [(0.0, 1000.0), (-3.5, 4.0)]);
     for (text, message) in [

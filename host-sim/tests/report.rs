@@ -3,8 +3,8 @@
 use host_sim::report::cell::Cell;
 use host_sim::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use host_sim::report::csv::Csv;
-use host_sim::report::files::write_whole;
 use host_sim::report::text_table::{Column, TextTable};
+use kit::files::write_whole;
 use quick_xml::events::Event;
 use std::path::Path;
 

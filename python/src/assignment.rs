@@ -1,12 +1,11 @@
 //! The traffic assignment engine as a function from arrays.
 
 use crate::error::{exception, value_error};
-use crate::scenario::names;
-use clap::ValueEnum;
-use host_sim::assignment::demand::Trip;
-use host_sim::assignment::{
+use assignment::demand::Trip;
+use assignment::{
     Algorithm, CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, Stop, assign,
 };
+use kit::choice::Choice as _;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::collections::HashMap;
@@ -63,10 +62,8 @@ pub fn assign_arrays(
     distance_weight: f64,
     threads: usize,
 ) -> PyResult<Assignment> {
-    let algorithm = Algorithm::from_str(algorithm, false)
-        .map_err(|_| value_error("algorithm", format!("\"{algorithm}\""), names::<Algorithm>()))?;
-    let objective = Objective::from_str(objective, false)
-        .map_err(|_| value_error("objective", format!("\"{objective}\""), names::<Objective>()))?;
+    let algorithm = Algorithm::of_name("algorithm", algorithm).map_err(exception)?;
+    let objective = Objective::of_name("objective", objective).map_err(exception)?;
     let links = links(&init_node, &term_node, &columns)?;
     let &[zones, destinations] = trips.shape() else {
         return Err(value_error("trips", "another shape", "(zones, zones)"));

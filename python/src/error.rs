@@ -1,6 +1,6 @@
 //! Errors as Python exceptions: `ValueError` for input that makes no sense, `OSError` for files.
 
-use host_sim::error::Error;
+use kit::error::Error;
 use numpy::ndarray::Dimension;
 use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods as _};
 use pyo3::exceptions::{PyOSError, PyValueError};

@@ -18,8 +18,6 @@ mod worlds;
 #[pyo3::pymodule]
 mod _native {
     #[pymodule_export]
-    use crate::assignment::{Assignment, assign_arrays};
-    #[pymodule_export]
     use crate::batch::Batch;
     #[pymodule_export]
     use crate::evaluation::{Evaluation, evaluate_policy};
@@ -31,4 +29,6 @@ mod _native {
     use crate::speed::native_loop;
     #[pymodule_export]
     use crate::table::Table;
+    #[pymodule_export]
+    use assignment::{Assignment, assign_arrays};
 }

@@ -6,7 +6,7 @@ use firmware::decision::{ACTIONS, Action};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
 use host_sim::command::options::{parse_table, table_bytes};
-use host_sim::report::files::write_whole;
+use kit::files::write_whole;
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;

@@ -8,7 +8,7 @@ from conftest import WORKSPACE
 
 from freshlane import assign
 
-FIXTURES = WORKSPACE / "host-sim" / "tests" / "fixtures"
+FIXTURES = WORKSPACE / "assignment" / "tests" / "fixtures"
 
 
 def read_tntp(name):

@@ -12,10 +12,10 @@ use firmware::units::Level;
 use host_sim::age::AgeSummary;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::error::{Error, Result};
 use host_sim::policy::{Policy, PolicyName, actor};
 use host_sim::simulation::Simulation;
 use host_sim::stream::{Role, Stream};
+use kit::error::{Error, Result};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Decisions on which the two forms agree: silence, or the same sub-channel with powers that are at most 1 dB apart.

@@ -2,8 +2,8 @@
 
 use crate::laboratory::learner::name;
 use crate::study::{Plan, StudyRun};
-use host_sim::error::{Error, Result};
 use host_sim::report::learning::{CurvePoint, curves_csv};
+use kit::error::{Error, Result};
 
 /// Points of a curve at most: each is the mean over as many episodes as it takes (chosen).
 const POINTS: usize = 100;

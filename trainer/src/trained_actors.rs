@@ -6,7 +6,7 @@ use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, table_bytes};
-use host_sim::error::{Error, Result};
+use kit::error::{Error, Result};
 
 /// A run's actors with all that their evaluation needs.
 pub struct TrainedActors {

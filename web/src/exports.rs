@@ -8,7 +8,7 @@
 )]
 
 use crate::session::{Request, Session};
-use host_sim::error::{Error, Result};
+use kit::error::{Error, Result};
 use std::cell::RefCell;
 
 #[derive(Default)]

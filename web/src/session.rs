@@ -4,11 +4,11 @@ use crate::run::{HISTORY_SLOTS, Run};
 use firmware::table::Table;
 use host_sim::age::ideal_age_ms;
 use host_sim::environment::Environment;
-use host_sim::error::{Error, Result};
 use host_sim::mobility::MobilitySource;
 use host_sim::policy::PolicyName;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::stream::Purpose;
+use kit::error::{Error, Result};
 use serde::Deserialize;
 use serde_json::{Value, json};
 

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use freshlane_web::session::{Request, Session};
-use host_sim::error::Result;
+use kit::error::Result;
 
 fn open(seed: &str, settings: &[&str], policy: &str) -> Result<Session> {
     Session::open(&Request {

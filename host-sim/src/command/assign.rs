@@ -2,19 +2,22 @@
 
 mod flow_files;
 mod outputs;
-pub(super) mod problem;
 
-use crate::assignment::check::{self, Evaluation};
-use crate::assignment::network::check_not_negative;
-use crate::assignment::{
+use crate::command::options::choice;
+use assignment::check::{self, Evaluation};
+use assignment::network::check_not_negative;
+use assignment::{
     Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop,
-    assign_from, assign_observed, path_flows,
+    assign_from, assign_observed, formats, grid::Grid, path_flows,
 };
-use crate::error::{Error, Result};
-use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
+use kit::error::{Error, Result};
+use kit::say;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+/// The name that takes the place of a network file: the urban grid, which brings its own demand.
+const GRID: &str = "grid";
 
 /// A solve that is shorter than this shows no progress bar (chosen).
 const PROGRESS_DELAY: Duration = Duration::from_millis(500);
@@ -37,10 +40,10 @@ pub struct AssignArguments {
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
     /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
-    #[arg(long, value_enum, default_value = "path")]
+    #[arg(long, value_parser = choice::<Algorithm>(), default_value = "path")]
     pub algorithm: Algorithm,
     /// ue: user equilibrium; so: system optimum
-    #[arg(long, value_enum, default_value = "ue")]
+    #[arg(long, value_parser = choice::<Objective>(), default_value = "ue")]
     pub objective: Objective,
     /// Relative gap (TSTT - SPTT) / TSTT to stop at [default: 1e-10 with path, 1e-4 with the others]
     #[arg(long, allow_negative_numbers = true)]
@@ -118,11 +121,11 @@ impl AssignArguments {
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
     check_options(arguments)?;
-    let (network, demand) = if arguments.net == problem::GRID {
-        problem::grid()?
+    let (network, demand) = if arguments.net == GRID {
+        grid()?
     } else {
         let trips = arguments.trips.as_deref();
-        problem::read(Path::new(&arguments.net), trips, arguments.weights())?
+        formats::read(Path::new(&arguments.net), trips, arguments.weights())?
     };
     match &arguments.check {
         Some(path) => judge(arguments, &network, &demand, path, start),
@@ -130,11 +133,17 @@ pub fn run(arguments: &AssignArguments) -> Result<()> {
     }
 }
 
+/// The grid with its own demand.
+fn grid() -> Result<(Network, Demand)> {
+    let grid = Grid::default();
+    Ok((grid.network()?, grid.demand()?))
+}
+
 fn check_options(arguments: &AssignArguments) -> Result<()> {
     check_not_negative("--gap", arguments.gap())?;
     check_not_negative("--toll-weight", arguments.toll_weight)?;
     check_not_negative("--distance-weight", arguments.distance_weight)?;
-    if arguments.net == problem::GRID {
+    if arguments.net == GRID {
         check_grid_options(arguments)?;
     }
     outputs::check_options(arguments)

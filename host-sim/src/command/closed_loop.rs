@@ -1,21 +1,21 @@
 //! `host-sim loop`: from slot to street and back, for every policy on the same worlds and incidents.
 
-use crate::assignment::CostWeights;
 use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
-use crate::command::assign::problem;
 use crate::command::options::{progress_bar, thread_pool};
 use crate::command::run::{PreparedRun, RunArguments, RunOptions};
-use crate::error::{Error, Result};
 use crate::mobility::{MobilitySource, StreetMap};
 use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
 use crate::report::chart::{Axis, LineChart, Point, Series};
 use crate::report::csv::Csv;
-use crate::report::files::{NamedText, check_folder, write_set, written};
 use crate::report::pages;
 use crate::report::text_table::{Column, TextTable};
-use crate::say;
 use crate::traffic::planning_options;
+use assignment::CostWeights;
+use assignment::formats;
+use kit::error::{Error, Result};
+use kit::files::{NamedText, check_folder, write_set, written};
+use kit::say;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -81,11 +81,11 @@ impl LoopArguments {
             toll: self.toll_weight,
             distance: self.distance_weight,
         };
-        let (network, demand) = problem::read(net, self.trips.as_deref(), weights)?;
-        let places = problem::read_places(net, self.nodes.as_deref(), &network)?;
+        let (network, demand) = formats::read(net, self.trips.as_deref(), weights)?;
+        let places = formats::read_places(net, self.nodes.as_deref(), &network)?;
         let seconds = match self.seconds_per_unit {
             Some(seconds) => seconds,
-            None => problem::Format::of(net)?.seconds_per_unit(),
+            None => formats::Format::of(net)?.seconds_per_unit(),
         };
         StreetMap::new(
             network,

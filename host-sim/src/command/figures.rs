@@ -3,11 +3,12 @@
 
 use crate::command::options::{ScenarioArguments, progress_bar, thread_pool};
 use crate::command::run::{PreparedRun, RunOptions};
-use crate::error::{Error, Result};
 use crate::report::measured_traffic::{self, MeasuredAges};
-use crate::report::{files, learning, traffic};
-use crate::say;
+use crate::report::{learning, traffic};
 use crate::traffic::{RoadAges, TrafficModel};
+use kit::error::{Error, Result};
+use kit::files;
+use kit::say;
 use serde_json::json;
 use std::path::PathBuf;
 

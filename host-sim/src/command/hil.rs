@@ -1,16 +1,16 @@
 //! `host-sim hil`: images in QEMU as vehicles of the simulated cell.
 
 use crate::command::options::{ScenarioArguments, progress_bar};
-use crate::error::{Error, Result};
 use crate::hil::emulator::check_installed;
 use crate::hil::fleet::{Fleet, FleetResult, INSTRUCTION_SHIFT};
 use crate::hil::image::{self, Image};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::say;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
 use firmware::table::Table;
+use kit::error::{Error, Result};
+use kit::say;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Instant;

@@ -1,12 +1,12 @@
 //! `host-sim merge`: the results of all shards as one table, whose bytes depend on the grid alone.
 
 use crate::command::sweep::GridArguments;
-use crate::error::{Error, Result};
-use crate::report::files;
-use crate::say;
 use crate::sweep::Store;
 use crate::sweep::figure;
 use crate::sweep::merged::{Merged, listed};
+use kit::error::{Error, Result};
+use kit::files;
+use kit::say;
 use serde_json::json;
 use std::path::PathBuf;
 

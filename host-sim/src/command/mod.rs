@@ -12,9 +12,9 @@ pub mod run;
 pub mod scenario;
 pub mod sweep;
 
-use crate::error::Result;
-use crate::say;
 use clap::error::ErrorKind;
+use kit::error::Result;
+use kit::say;
 use std::process::ExitCode;
 
 /// Reads the command line. Help and version go to stdout as they are; anything wrong becomes one line on stderr and exit

@@ -1,10 +1,12 @@
 //! Options that sub-commands share.
 
-use crate::error::{Error, Result};
 use crate::scenario::layers::sets;
 use crate::scenario::{Preset, Scenario, ScenarioSource};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use firmware::table::Table;
 use indicatif::{ProgressBar, ProgressStyle};
+use kit::choice::Choice;
+use kit::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Which scenario.
@@ -49,6 +51,14 @@ impl ScenarioArguments {
             }
         }
     }
+}
+
+/// Reads one of the names of a choice; help lists them with their meanings.
+pub fn choice<C: Choice + Send + Sync>() -> impl TypedValueParser<Value = C> {
+    let values = C::ALL
+        .iter()
+        .map(|choice| PossibleValue::new(choice.name()).help(choice.meaning()));
+    PossibleValuesParser::new(values).try_map(|name| C::of_name("value", &name))
 }
 
 /// A thread pool of this size; one thread a core without it.

@@ -1,15 +1,16 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
 use crate::command::options::{ScenarioArguments, parse_table, progress_bar, table_bytes, thread_pool};
-use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::policy::PolicyName;
-use crate::report::{PolicyResult, ages, cell_figures, files, pages, traffic};
-use crate::say;
+use crate::report::{PolicyResult, ages, cell_figures, pages, traffic};
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
 use crate::traffic::TrafficModel;
 use firmware::table::Table;
+use kit::error::{Error, Result};
+use kit::files;
+use kit::say;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;

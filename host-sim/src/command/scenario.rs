@@ -1,10 +1,10 @@
 //! `host-sim init`, `explain` and `schema`: what a scenario may say, for people and for their editors.
 
-use crate::error::{Error, Result};
-use crate::report::files::write_set;
 use crate::report::text_table::{Column, TextTable};
-use crate::say;
 use crate::scenario::{KEYS, Key, Preset, nearest_key, section_meaning};
+use kit::error::{Error, Result};
+use kit::files::write_set;
+use kit::say;
 use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::fmt::Write as _;

@@ -1,9 +1,9 @@
 //! `host-sim sweep`: a grid of scenarios, policies and seeds, whole or one shard of it.
 
 use crate::command::options::{progress_bar, thread_pool};
-use crate::error::{Error, Result};
-use crate::say;
 use crate::sweep::{Grid, Outcome, Point, Shard, Store};
+use kit::error::{Error, Result};
+use kit::say;
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;

@@ -1,9 +1,9 @@
 //! QEMU as an instruction counter and as a chip with a look into its memory.
 
-use crate::error::{Error, Result};
 use crate::hil::emulator::{Emulator as Chip, Setup, check_installed, machine};
 use firmware::link::{ModemFrame, encode};
 use firmware::slot_clock::SlotLength;
+use kit::error::{Error, Result};
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;

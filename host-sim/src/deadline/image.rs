@@ -1,7 +1,7 @@
 //! The programs for the chip: building them, and what their ELF files say.
 
-use crate::error::{Error, Result};
 use crate::hil::image::build_firmware;
+use kit::error::{Error, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 use std::path::{Path, PathBuf};
 

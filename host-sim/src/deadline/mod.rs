@@ -5,11 +5,11 @@ mod emulator;
 pub mod image;
 pub mod network;
 
-use crate::error::{Error, Result};
 use firmware::actor::Network;
 use firmware::link::{MeasurementFrame, ModemFrame};
 use firmware::table::Table;
 use image::{Footprint, Images};
+use kit::error::{Error, Result};
 use network::PackedNetwork;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;

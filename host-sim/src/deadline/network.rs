@@ -1,8 +1,8 @@
 //! Networks to measure: a table's, or random ones, since what an inference costs depends on the shape alone.
 
-use crate::error::{Error, Result};
 use crate::pack::{IntegerLayer, pack};
 use firmware::table::{HEADER_LEN, Table};
+use kit::error::{Error, Result};
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 

@@ -3,8 +3,8 @@
 //! QEMU calls back to sockets that are already bound, so no port is ever guessed and no other program can take it in between. The
 //! process ends with its [`Emulator`], and on Linux with its parent, however that ends.
 
-use crate::error::{Error, Result};
 use firmware::link::{Receiver, UnitMessage};
+use kit::error::{Error, Result};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};

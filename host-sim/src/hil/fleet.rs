@@ -5,7 +5,6 @@ use super::image::Image;
 use crate::age::{AgeCounter, AgeSummary};
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::error::{Error, Result};
 use crate::mobility::MobilitySource;
 use crate::scenario::Scenario;
 use crate::stream::{Purpose, Role, Stream};
@@ -13,6 +12,7 @@ use firmware::decision::Decision;
 use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
 use firmware::slot_clock::SlotLength;
 use firmware::unit::{Event, Unit, back_off};
+use kit::error::{Error, Result};
 use rand_pcg::Pcg32;
 use std::time::Duration;
 

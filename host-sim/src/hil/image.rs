@@ -1,6 +1,6 @@
 //! The image's ELF file.
 
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use object::{Architecture, Object, ObjectSymbol};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -14,8 +14,8 @@
 
 mod reader;
 
-use crate::error::{Error, Result};
 use flate2::bufread::MultiGzDecoder;
+use kit::error::{Error, Result};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read as _};
 use std::path::Path;

@@ -5,10 +5,10 @@ pub mod floating_car_data;
 mod streets;
 mod urban_grid;
 
-use crate::error::{Error, Result};
 use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
 use floating_car_data::{Cursor, Trace};
+use kit::error::{Error, Result};
 use std::path::Path;
 pub use streets::{Scale, StreetMap, Streets};
 pub use urban_grid::{Heading, UrbanGrid};

@@ -2,11 +2,11 @@
 //! equilibrium, chosen in proportion to the path's flow, along straight lines between the nodes.
 
 use super::Place;
-use crate::assignment::coordinates::{LengthUnit, NodePlaces};
-use crate::assignment::{Demand, Network, Options, PathFlow, assign};
-use crate::error::{Error, Result};
 use crate::scenario::{MobilityScenario, Scenario};
 use crate::stream::Stream;
+use assignment::coordinates::{LengthUnit, NodePlaces};
+use assignment::{Demand, Network, Options, PathFlow, assign};
+use kit::error::{Error, Result};
 
 /// The streets of a network in the coordinates of the cell, and the trips on them.
 #[derive(Debug)]

@@ -8,13 +8,13 @@ pub mod clock;
 
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::error::{Error, Result};
 use crate::lanes::{LANES, LaneStream, Row};
 use crate::scenario::Scenario;
 use crate::stream::Role;
 use firmware::decision::PowerPlan;
 use firmware::table::Table;
 use firmware::units::{Dbm, Level, SUB_CHANNELS};
+use kit::error::{Error, Result};
 
 /// Decides for all vehicles of a batch of worlds.
 pub trait Policy {

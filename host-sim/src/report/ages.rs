@@ -3,11 +3,11 @@
 use super::cell::Cell;
 use super::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use super::csv::Csv;
-use super::files::NamedText;
 use super::text_table::{Column, TextTable};
 use crate::age::AgeSummary;
-use crate::error::Result;
 use crate::report::PolicyResult;
+use kit::error::Result;
+use kit::files::NamedText;
 
 const INTERVALS: &str = "Intervals: 95 %, over worlds.";
 

@@ -1,15 +1,15 @@
 //! What goes on in the cell: who used the sub-channels, and where information is old.
 
 use super::chart::{MapChart, OccupancyChart, OccupancyGroup, SlotUse};
-use super::files::NamedText;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::error::Result;
 use crate::mobility::MobilitySource;
 use crate::policy::{Policy, PolicyName};
 use crate::simulation::{Simulation, run_slot};
 use crate::stream::Purpose;
 use firmware::table::Table;
+use kit::error::Result;
+use kit::files::NamedText;
 
 /// Slots of an occupancy figure, after warm-up (chosen: a square is then five pixels wide).
 const SLOTS: u32 = 150;

@@ -3,7 +3,7 @@
 
 use super::cell::Cell;
 use super::csv::push_row;
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 
 /// The values of a column, one a row; `None` is a missing one, which is not the same as zero.
 #[derive(Debug, Clone, PartialEq)]

@@ -27,7 +27,7 @@ impl<const COLUMNS: usize> Csv<COLUMNS> {
         push_row(&mut self.text, cells);
     }
 
-    /// The whole text, ready for [`write_whole`](super::files::write_whole).
+    /// The whole text, ready for [`write_whole`](kit::files::write_whole).
     pub fn into_text(self) -> String {
         self.text
     }

@@ -2,8 +2,8 @@
 
 use super::chart::{Axis, LineChart, Point, Series};
 use super::csv::Csv;
-use super::files::NamedText;
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
+use kit::files::NamedText;
 
 /// Curves of runs that come with the program. `trainer/studies/paper_form.toml` says which, and the command that makes
 /// them again.

@@ -3,13 +3,13 @@
 
 use super::chart::{Axis, LineChart, Point, Reference, Series, side_by_side};
 use super::csv::Csv;
-use super::files::NamedText;
 use super::traffic::CAPACITY_ERROR_SIXTHS;
 use crate::age::AgeSummary;
 use crate::capacity::TrafficState;
-use crate::error::Result;
 use crate::scenario::Scenario;
 use crate::traffic::{RoadAges, TrafficModel};
+use kit::error::Result;
+use kit::files::NamedText;
 
 /// The ages that one policy reached.
 pub struct MeasuredAges {

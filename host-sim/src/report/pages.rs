@@ -1,15 +1,15 @@
 //! The HTML reports of `run` and `loop`.
 
 use super::PolicyResult;
-use super::files::NamedText;
 use super::html::{Block, Page, Section};
 use super::text_table::TextTable;
 use crate::command::run::PreparedRun;
-use crate::error::Result;
 use crate::policy::PolicyName;
 use crate::revision::{own_revision, revision_text};
 use crate::scenario::{KEYS, Preset};
 use clap::ValueEnum as _;
+use kit::error::Result;
+use kit::files::NamedText;
 
 /// What is simulated, for who reads a report before anything else.
 const SCENE: &str = "Vehicles share a few radio sub-channels to one base station. In every slot of 1 ms each decides whether, where \

@@ -8,7 +8,7 @@
 //! Apache Parquet format 2; logical types as in its `LogicalTypes.md`.
 
 use super::columns::{Column, Columns, Values};
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
@@ -25,7 +25,7 @@ const ROWS_PER_GROUP: usize = 1 << 17;
 const WRITER: &str = "freshlane";
 
 impl Columns {
-    /// The table as a Parquet file, ready for [`write_whole`](super::files::write_whole).
+    /// The table as a Parquet file, ready for [`write_whole`](kit::files::write_whole).
     ///
     /// # Errors
     /// [`Error::Input`] if the table has more than the format can hold.

@@ -4,13 +4,13 @@ use super::ages::long_csv;
 use super::cell::Cell;
 use super::chart::{Axis, LineChart, Point, Reference, Series};
 use super::csv::Csv;
-use super::files::NamedText;
 use super::text_table::{Column, TextTable};
-use crate::error::Result;
 use crate::report::PolicyResult;
 use crate::scenario::Scenario;
 use crate::traffic::{TrafficModel, TrafficSummary};
 use firmware::units::Age;
+use kit::error::Result;
+use kit::files::NamedText;
 use serde_json::{Value, json};
 
 /// The values of delta m that the paper's figures compare, as sixths of the capacity: 10, 15, 20 and 25 of 30 vehicles per

@@ -1,7 +1,7 @@
 //! What a key of a scenario means, its unit and its range: one place for checks, explanations and schemas.
 
 use super::Preset;
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use toml::{Table, Value};
 
 /// A key of a scenario.

@@ -1,7 +1,7 @@
 //! Preset, file and settings, one laid over the other.
 
 use super::{Key, Scenario, nearest_key};
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};

@@ -6,8 +6,8 @@
 mod keys;
 pub mod layers;
 
-use crate::error::{Error, Result};
 use firmware::units::Level;
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 pub use keys::{KEYS, Key, nearest, nearest_key, section_meaning};

@@ -1,7 +1,7 @@
 //! One key of a grid with its values.
 
-use crate::error::{Error, Result};
 use crate::scenario::ScenarioSource;
+use kit::error::{Error, Result};
 use toml::{Table, Value};
 
 /// What a key's values are.

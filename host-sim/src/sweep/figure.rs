@@ -3,9 +3,9 @@
 use super::axis::{Kind, SEED, text};
 use super::merged::Merged;
 use super::{Grid, Outcome};
-use crate::error::{Error, Result};
 use crate::report::chart::{Axis, LineChart, Point as Mark, Series};
 use crate::report::columns::{Column, Columns};
+use kit::error::{Error, Result};
 use std::collections::BTreeMap;
 use toml::Value;
 

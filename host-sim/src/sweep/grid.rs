@@ -3,10 +3,10 @@
 use super::axis::{self, Axis, Kind, POLICY, SEED, VEHICLES, text};
 use super::store::checksum;
 use crate::command::run::{PreparedRun, RunOptions};
-use crate::error::{Error, Result};
 use crate::policy::PolicyName;
 use crate::scenario::{nearest, parse_toml};
 use clap::Parser;
+use kit::error::{Error, Result};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};

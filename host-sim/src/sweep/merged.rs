@@ -2,8 +2,8 @@
 
 use super::axis::{Kind, POLICY, SEED, text};
 use super::{Grid, Outcome, Point, Store};
-use crate::error::{Error, Result};
 use crate::report::columns::{Column, Columns};
+use kit::error::{Error, Result};
 use toml::Value;
 
 /// What lies in the folders of a grid.

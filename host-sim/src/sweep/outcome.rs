@@ -1,8 +1,8 @@
 //! What is kept of a point: nothing that depends on the machine or on how long it took.
 
 use crate::command::run::PreparedRun;
-use crate::error::{Error, Result};
 use crate::report::PolicyResult;
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.

@@ -6,8 +6,8 @@
 //! ```
 
 use super::{Grid, Outcome};
-use crate::error::{Error, Result};
-use crate::report::files::{check_folder, write_whole};
+use kit::error::{Error, Result};
+use kit::files::{check_folder, write_whole};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -5,8 +5,8 @@ use crate::laboratory::learner::Learner as _;
 use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Backend;
 use host_sim::command::options::thread_pool;
-use host_sim::error::{Error, Result};
-use host_sim::say;
+use kit::error::{Error, Result};
+use kit::say;
 use serde_json::json;
 use std::time::{Duration, Instant};
 

@@ -5,9 +5,9 @@ use crate::run_folder::RunFolder;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::thread_pool;
 use host_sim::command::run::RunOptions;
-use host_sim::error::{Error, Result};
 use host_sim::policy::PolicyName;
-use host_sim::say;
+use kit::error::{Error, Result};
+use kit::say;
 use serde_json::json;
 use std::path::PathBuf;
 

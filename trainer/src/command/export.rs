@@ -10,10 +10,10 @@ use crate::trained_actors::table_of;
 use firmware::table::Table;
 use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::deadline::cycles::{SLOT_CYCLES, slot_cycles};
-use host_sim::error::{Error, Result};
-use host_sim::report::files::{check_output, write_whole};
 use host_sim::revision::revision_text;
-use host_sim::say;
+use kit::error::{Error, Result};
+use kit::files::{check_output, write_whole};
+use kit::say;
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -2,10 +2,10 @@
 
 use crate::learning_curves::learning_curves;
 use crate::study::{Plan, StudyConduct, StudyRun};
-use host_sim::error::Result;
 use host_sim::report::csv::Csv;
-use host_sim::report::files::{check_output, write_set, write_whole};
-use host_sim::say;
+use kit::error::Result;
+use kit::files::{check_output, write_set, write_whole};
+use kit::say;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;

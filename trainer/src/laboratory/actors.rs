@@ -3,7 +3,7 @@
 use super::forms::{ObservationForm, OutputForm};
 use crate::network::Network;
 use firmware::units::{Period, SUB_CHANNELS};
-use host_sim::error::{Error, Result};
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// What actors see and what their outputs mean.

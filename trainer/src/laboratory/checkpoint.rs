@@ -1,7 +1,7 @@
 //! A learner's state as a safetensors file that says which run it belongs to.
 
 use super::state::{State, Tensor, Values};
-use host_sim::error::{Error, Result};
+use kit::error::{Error, Result};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use safetensors::{SafeTensorError, SafeTensors};
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 
 use super::actors::Actors;
 use super::state::State;
-use host_sim::error::Result;
+use kit::error::Result;
 
 /// A learning algorithm at work.
 ///

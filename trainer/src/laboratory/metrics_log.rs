@@ -5,9 +5,9 @@
 
 use super::learner::Metrics;
 use super::tensorboard;
-use host_sim::error::{Error, Result};
 use host_sim::report::columns::{Column, Columns};
-use host_sim::report::files::write_whole;
+use kit::error::{Error, Result};
+use kit::files::write_whole;
 use serde_json::Value;
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;

@@ -1,6 +1,6 @@
 //! What a learner remembers between two episodes: named tensors and counters.
 
-use host_sim::error::{Error, Result};
+use kit::error::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 

@@ -8,7 +8,7 @@ use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
 use crate::network::{Layer, Network};
-use host_sim::error::Result;
+use kit::error::Result;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 
 use super::pool::Pool;
 use crate::laboratory::state::State;
-use host_sim::error::Result;
+use kit::error::Result;
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,8 @@
 
 use super::actions::ActionSet;
 use crate::laboratory::forms::{ObservationForm, OutputForm};
-use host_sim::error::{Error, Result};
 use host_sim::scenario::Scenario;
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::fmt;

@@ -2,8 +2,8 @@
 
 use super::critic::View;
 use crate::laboratory::state::State;
-use host_sim::error::Result;
 use host_sim::stream::Stream;
+use kit::error::Result;
 
 /// Sizes of a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

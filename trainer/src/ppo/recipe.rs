@@ -4,8 +4,8 @@ use super::cell::Costs;
 use super::optimiser::Rates;
 use firmware::actor::MAX_WIDTH;
 use firmware::table::MAX_LAYERS;
-use host_sim::error::{Error, Result};
 use host_sim::scenario::Scenario;
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

@@ -10,8 +10,8 @@ use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::network::{Adam, Network};
 use crate::toy::Turns;
-use host_sim::error::Result;
 use host_sim::stream::Stream;
+use kit::error::Result;
 
 fn read(settings: &[&str]) -> Result<Configuration> {
     Preset::Ppo.with(settings)

@@ -1,8 +1,8 @@
 //! Link flows as files: CSV, or Parquet where the name ends in `.parquet`.
 
-use crate::assignment::{Network, check};
-use crate::error::{Error, Result};
 use crate::report::columns::{Column, Columns};
+use assignment::{Network, check};
+use kit::error::{Error, Result};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::{Field, Row};
 use std::fs::File;

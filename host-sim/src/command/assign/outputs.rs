@@ -1,11 +1,9 @@
 //! The files that `assign` writes beside its report.
 
 use super::{AssignArguments, flow_files};
-use crate::assignment::{
-    Algorithm, Demand, Network, Solution, convergence, gmns, path_flows, select_link, skims,
-};
-use crate::error::{Error, Result};
-use crate::report::files::{check_output, write_set, write_whole};
+use assignment::{Algorithm, Demand, Network, Solution, convergence, gmns, path_flows, select_link, skims};
+use kit::error::{Error, Result};
+use kit::files::{check_output, write_set, write_whole};
 use std::path::{Path, PathBuf};
 
 /// Refuses combinations of options that ask for what does not exist, before anything is solved.

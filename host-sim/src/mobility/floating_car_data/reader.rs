@@ -1,7 +1,7 @@
 //! The XML of floating-car data, read as a stream and checked line by line.
 
 use super::{Position, Record, Step, Trace};
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use quick_xml::XmlVersion;
 use quick_xml::errors::{Error as XmlError, IllFormedError};
 use quick_xml::events::{BytesStart, Event};

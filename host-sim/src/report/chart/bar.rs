@@ -6,7 +6,7 @@ use super::canvas::{
     Type, WIDTH_PX, draw_svg,
 };
 use super::{Axis, Reference, Scale};
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use plotters::style::RGBColor;
 
 /// Widest name beside a bar, px.

@@ -1,7 +1,7 @@
 //! Pixels, strokes and type: the one look of all figures.
 
 use super::axis::Ticks;
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use maud::html;
 use plotters::coord::Shift;
 use plotters::element::DashedPathElement;

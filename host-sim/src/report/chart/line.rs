@@ -6,7 +6,7 @@ use super::canvas::{
     TITLE_PX, Type, WIDTH_PX, draw_svg,
 };
 use super::{Axis, Reference};
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 
 /// Markers that a long series carries; a short one has one at every point.
 const MARKERS: usize = 12;

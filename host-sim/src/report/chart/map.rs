@@ -5,7 +5,7 @@ use super::axis::Ticks;
 use super::canvas::{
     Anchor, FAINT, INK, LABEL_PX, LINE_HEIGHT, NOTE_PX, Plot, RIM_PX, TITLE_PX, Type, WIDTH_PX, draw_svg,
 };
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use plotters::style::RGBColor;
 
 /// Height of a map, px; its width follows from the place's shape.

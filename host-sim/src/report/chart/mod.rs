@@ -18,7 +18,7 @@ pub use map::MapChart;
 pub use occupancy::{OccupancyChart, OccupancyGroup, SlotUse};
 pub use panels::side_by_side;
 
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 
 /// How an axis maps values to length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

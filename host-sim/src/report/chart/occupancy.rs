@@ -6,7 +6,7 @@ use super::canvas::{
     Anchor, Canvas, FAINT, LABEL_PX, LINE_HEIGHT, NOTE_PX, PALETTE, Plot, RIM_PX, TITLE_PX, Type, WIDTH_PX,
     draw_svg,
 };
-use crate::error::{Error, Result};
+use kit::error::{Error, Result};
 use plotters::style::RGBColor;
 
 /// Height of a sub-channel's row, and between two groups of rows, px.

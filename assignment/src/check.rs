@@ -1,0 +1,271 @@
+//! An independent judge of link flows: gap, objective and conservation from the flows alone.
+//!
+//! It gets there by other means than the solvers. Costs come from the printed BPR formula, cheapest paths from a
+//! label-correcting search (Pape 1974 with a plain queue), sums run in link order.
+
+use crate::csv_rows::csv_rows;
+use crate::demand::Demand;
+use crate::network::{Link, Network};
+use crate::{Objective, problem};
+use kit::error::{Error, Result};
+use std::borrow::Cow;
+use std::collections::VecDeque;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// First line of a flow file.
+pub const HEADER: &str = "init_node,term_node,volume,cost";
+
+/// A node may lose or gain this share of the total demand before the flows count as not conserved (chosen: files from
+/// other tools print few digits).
+const CONSERVATION_TOLERANCE: f64 = 1e-6;
+
+/// What link flows are worth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// (TSTT - SPTT) / TSTT, clamped at 0, as in [`Solution::relative_gap`](crate::Solution::relative_gap).
+    pub relative_gap: f64,
+    /// Beckmann function or total travel cost.
+    pub objective: f64,
+    /// Sum of flow times generalised travel cost.
+    pub total_travel_time: f64,
+    /// Largest difference, over all nodes, between what arrives and starts there and what leaves and ends there. A zone
+    /// that may not be passed is held to more: what arrives must end there, what leaves must start there.
+    pub largest_imbalance: f64,
+    /// Number of the node with the largest imbalance.
+    pub worst_node: u32,
+    /// Whether the largest imbalance is below 1e-6 of the total demand, so that the flows carry it.
+    pub conserves_demand: bool,
+}
+
+/// Judges `link_flows`, one per link in file order.
+///
+/// # Errors
+/// [`Error::Input`] for another number of flows than of links, a flow that is negative or not finite, a demand for other
+/// zones, or a pair of zones with demand but no path.
+pub fn evaluate(
+    network: &Network,
+    demand: &Demand,
+    objective: Objective,
+    link_flows: &[f64],
+) -> Result<Evaluation> {
+    let links = network.links();
+    if link_flows.len() != links.len() {
+        let expected = format!("{}, one per link", links.len());
+        return Err(Error::input("flows", link_flows.len(), expected));
+    }
+    if demand.zones() != network.numbering().zones {
+        let expected = format!("the network's {}", network.numbering().zones);
+        return Err(Error::input("zones of the demand", demand.zones(), expected));
+    }
+    let (mut beckmann, mut total_travel_time) = (0.0, 0.0);
+    let (mut drivers_total, mut drivers_costs) = (0.0, Vec::with_capacity(links.len()));
+    for (index, (link, &flow)) in links.iter().zip(link_flows).enumerate() {
+        crate::network::check_not_negative(&format!("link {}: volume", index + 1), flow)?;
+        let (free, delay) = bpr_terms(network, link, flow);
+        let power = if delay == 0.0 { 0.0 } else { link.power };
+        total_travel_time += flow * (free + delay);
+        beckmann += flow * (free + delay / (power + 1.0));
+        let cost = match objective {
+            Objective::UserEquilibrium => free + delay,
+            Objective::SystemOptimum => free + (power + 1.0) * delay,
+        };
+        drivers_total += flow * cost;
+        drivers_costs.push(cost);
+    }
+    let cheapest_total = cheapest_total(network, demand, &drivers_costs)?;
+    let (largest_imbalance, worst_node) = largest_imbalance(network, demand, link_flows);
+    Ok(Evaluation {
+        relative_gap: problem::relative_gap(drivers_total, cheapest_total),
+        objective: match objective {
+            Objective::UserEquilibrium => beckmann,
+            Objective::SystemOptimum => total_travel_time,
+        },
+        total_travel_time,
+        largest_imbalance,
+        worst_node,
+        conserves_demand: largest_imbalance <= CONSERVATION_TOLERANCE * demand.total(),
+    })
+}
+
+/// Generalised cost of the empty link, and the delay that `flow` adds.
+fn bpr_terms(network: &Network, link: &Link, flow: f64) -> (f64, f64) {
+    let weights = network.weights();
+    let free = link.free_flow_time + weights.toll * link.toll + weights.distance * link.length;
+    if link.free_flow_time == 0.0 || link.b == 0.0 {
+        return (free, 0.0);
+    }
+    // A power of 0 makes the delay a constant, also on the empty road.
+    let factor = if link.power == 0.0 {
+        1.0
+    } else {
+        libm::pow(flow / link.capacity, link.power)
+    };
+    (free, link.free_flow_time * link.b * factor)
+}
+
+/// What all trips cost on cheapest paths.
+fn cheapest_total(network: &Network, demand: &Demand, link_costs: &[f64]) -> Result<f64> {
+    let mut labels = Vec::new();
+    let mut searched = None;
+    let mut total = 0.0;
+    for trip in demand.trips() {
+        if searched != Some(trip.origin) {
+            searched = Some(trip.origin);
+            labels = correct_labels(network, link_costs, trip.origin);
+        }
+        let cost = labels[trip.destination as usize - 1];
+        if cost == f64::INFINITY {
+            return Err(Error::input(
+                format!(
+                    "trips from {} to {}",
+                    network.zone_name(trip.origin),
+                    network.zone_name(trip.destination)
+                ),
+                "no path in the network",
+                "a path wherever there is demand",
+            ));
+        }
+        total += trip.volume * cost;
+    }
+    Ok(total)
+}
+
+/// Cost of the cheapest path from a node, given by number, to every node.
+fn correct_labels(network: &Network, link_costs: &[f64], origin: u32) -> Vec<f64> {
+    let numbering = network.numbering();
+    let mut labels = vec![f64::INFINITY; numbering.nodes as usize];
+    let mut queued = vec![false; numbering.nodes as usize];
+    labels[origin as usize - 1] = 0.0;
+    let mut queue = VecDeque::from([origin]);
+    while let Some(number) = queue.pop_front() {
+        let node = number as usize - 1;
+        queued[node] = false;
+        if number < numbering.first_thru_node && number != origin {
+            continue;
+        }
+        for outgoing in network.outgoing(node) {
+            let next = outgoing.term_node as usize;
+            let cost = labels[node] + link_costs[outgoing.link as usize];
+            if cost < labels[next] {
+                labels[next] = cost;
+                if !std::mem::replace(&mut queued[next], true) {
+                    queue.push_back(outgoing.term_node + 1);
+                }
+            }
+        }
+    }
+    labels
+}
+
+/// The largest imbalance of any node, and the number of that node.
+fn largest_imbalance(network: &Network, demand: &Demand, link_flows: &[f64]) -> (f64, u32) {
+    let numbering = network.numbering();
+    let nodes = numbering.nodes as usize;
+    // What arrives less what ends there, and what leaves less what starts there.
+    let (mut arriving, mut leaving) = (vec![0.0; nodes], vec![0.0; nodes]);
+    for (link, &flow) in network.links().iter().zip(link_flows) {
+        leaving[link.init_node as usize - 1] += flow;
+        arriving[link.term_node as usize - 1] += flow;
+    }
+    for trip in demand.trips() {
+        leaving[trip.origin as usize - 1] -= trip.volume;
+        arriving[trip.destination as usize - 1] -= trip.volume;
+    }
+    let (mut largest, mut worst_node) = (0.0, 1);
+    for (number, (arriving, leaving)) in (1..).zip(arriving.into_iter().zip(leaving)) {
+        let mut imbalance = f64::abs(arriving - leaving);
+        if number < numbering.first_thru_node {
+            imbalance = imbalance.max(arriving.abs()).max(leaving.abs());
+        }
+        if imbalance > largest {
+            (largest, worst_node) = (imbalance, number);
+        }
+    }
+    (largest, worst_node)
+}
+
+/// Link flows and costs as a flow file: one row per link in file order, numbers with all their digits.
+pub fn format_flows(network: &Network, link_flows: &[f64], link_costs: &[f64]) -> String {
+    let mut text = format!("{HEADER}\n");
+    let rows = network.links().iter().zip(link_flows).zip(link_costs);
+    for ((link, flow), cost) in rows {
+        // Writing to a string cannot fail.
+        let (from, to) = (
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        );
+        let _ = writeln!(text, "{from},{to},{flow},{cost}");
+    }
+    text
+}
+
+/// Reads the volumes of a flow file. Its costs are not believed, only checked to be numbers.
+///
+/// # Errors
+/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for another header, a missing column, a volume
+/// that is no number, negative or infinite, a row that is not the network's next link, or too few or too many rows.
+pub fn read_flows(path: &Path, network: &Network) -> Result<Vec<f64>> {
+    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+    parse_flows(&path.display().to_string(), &text, network)
+}
+
+/// [`read_flows`] from memory; `name` stands for the file in errors.
+///
+/// # Errors
+/// As [`read_flows`].
+pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>> {
+    let mut link_flows = Vec::with_capacity(network.links().len());
+    for (place, line) in csv_rows(name, text, HEADER)? {
+        let Some(link) = network.links().get(link_flows.len()) else {
+            let expected = format!("{} rows, one per link", network.links().len());
+            return Err(Error::input(place, "one more row", expected));
+        };
+        let ends = [
+            network.node_name(link.init_node),
+            network.node_name(link.term_node),
+        ];
+        link_flows.push(parse_row(&place, line, ends)?);
+    }
+    if link_flows.len() != network.links().len() {
+        return Err(Error::input(
+            name,
+            format!("{} rows", link_flows.len()),
+            format!("{}, one per link", network.links().len()),
+        ));
+    }
+    Ok(link_flows)
+}
+
+/// The volume of one row, which must be that of the link between these nodes.
+fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f64> {
+    let columns: Vec<&str> = line.split(',').map(str::trim).collect();
+    let &[init_node, term_node, volume, cost] = columns.as_slice() else {
+        return Err(Error::input(
+            place,
+            format!("{} columns", columns.len()),
+            format!("4: {HEADER}"),
+        ));
+    };
+    if [init_node, term_node] != [from.as_ref(), to.as_ref()] {
+        return Err(Error::input(
+            place,
+            format!("link {init_node} to {term_node}"),
+            format!("{from} to {to}, the network's next"),
+        ));
+    }
+    let number = |name: &str, text: &str| {
+        let value = text.parse::<f64>().ok();
+        value
+            .filter(|value| value.is_finite() && *value >= 0.0)
+            .ok_or_else(|| {
+                Error::input(
+                    format!("{place}: {name}"),
+                    format!("`{text}`"),
+                    "a finite number, not negative",
+                )
+            })
+    };
+    number("cost", cost)?;
+    number("volume", volume)
+}

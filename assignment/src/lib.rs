@@ -1,0 +1,307 @@
+//! Static traffic assignment: which roads a given demand takes when every trip picks its cheapest route.
+//!
+//! A [`Network`] of links with volume-delay functions and a [`Demand`] between zones give link flows:
+//! under [`Objective::UserEquilibrium`] nobody can gain by changing route (Wardrop's first principle), under
+//! [`Objective::SystemOptimum`] the sum of all travel costs is least (his second).
+//!
+//! ```
+//! use assignment::{Algorithm, Options, assign, grid::Grid};
+//!
+//! # fn main() -> kit::error::Result<()> {
+//! let grid = Grid::default();
+//! let options = Options { gap: 1e-12, ..Options::default() };
+//! let solution = assign(&grid.network()?, &grid.demand()?, &options)?;
+//! assert!(solution.converged);
+//! assert_eq!(options.algorithm, Algorithm::PathBased);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # The rooms
+//! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
+//!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
+//! * [`coordinates`]: where its nodes lie.
+//! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
+//! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
+//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
+//! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
+//!   where the next solve can start, see [`assign_from`]; an [`Assigner`] keeps more than these and starts faster.
+//! * [`check`]: judges any link flows, by other means than the solvers use.
+//!
+//! # Determinism
+//! Equal input gives equal bytes at any thread count: origins are split into blocks by their number alone, and block results
+//! are added in block order. Only [`IterationRecord::seconds`] is a clock reading.
+
+mod all_or_nothing;
+mod assigner;
+pub mod check;
+pub mod convergence;
+pub mod coordinates;
+mod csv_rows;
+#[cfg(feature = "formats")]
+mod csv_table;
+pub mod demand;
+#[cfg(feature = "formats")]
+pub mod formats;
+mod frank_wolfe;
+#[cfg(feature = "formats")]
+pub mod gmns;
+pub mod grid;
+mod heap;
+mod line_search;
+mod link_rows;
+pub mod network;
+mod newton;
+mod path_based;
+pub mod path_flows;
+mod path_set;
+mod path_shift;
+mod problem;
+pub mod select_link;
+pub mod shortest_path;
+pub mod skims;
+#[cfg(feature = "formats")]
+pub mod sumo;
+pub mod tntp;
+pub mod volume_delay;
+#[cfg(feature = "formats")]
+mod xml;
+
+pub use assigner::Assigner;
+pub use demand::Demand;
+pub use network::{CostWeights, Link, Names, Network, NodeNumbering};
+pub use path_flows::PathFlow;
+pub use volume_delay::VolumeDelay;
+
+use kit::choice::Choice;
+use kit::error::{Error, Result};
+use problem::Problem;
+
+/// How the flows are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Algorithm {
+    /// Frank-Wolfe: move towards the all-or-nothing flows. Stalls near a gap of 1e-4.
+    FrankWolfe,
+    /// Frank-Wolfe with directions conjugate to the previous one.
+    ConjugateFrankWolfe,
+    /// Frank-Wolfe with directions conjugate to the two previous ones: the best of the link-based family.
+    BiconjugateFrankWolfe,
+    /// Gradient projection on path flows: converges linearly, to 1e-12 and below.
+    #[default]
+    PathBased,
+}
+
+/// What the flows minimise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Objective {
+    /// Nobody gains by changing route: the Beckmann function, the sum of the integrals of the travel costs.
+    #[default]
+    UserEquilibrium,
+    /// The sum of everybody's travel cost is least.
+    SystemOptimum,
+}
+
+impl Choice for Algorithm {
+    const ALL: &'static [Self] = &[
+        Self::FrankWolfe,
+        Self::ConjugateFrankWolfe,
+        Self::BiconjugateFrankWolfe,
+        Self::PathBased,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::FrankWolfe => "fw",
+            Self::ConjugateFrankWolfe => "cfw",
+            Self::BiconjugateFrankWolfe => "bfw",
+            Self::PathBased => "path",
+        }
+    }
+
+    fn meaning(self) -> &'static str {
+        match self {
+            Self::FrankWolfe => "Frank-Wolfe: move towards the all-or-nothing flows",
+            Self::ConjugateFrankWolfe => "Frank-Wolfe with conjugate directions",
+            Self::BiconjugateFrankWolfe => "Frank-Wolfe with bi-conjugate directions",
+            Self::PathBased => "Gradient projection on path flows",
+        }
+    }
+}
+
+impl Choice for Objective {
+    const ALL: &'static [Self] = &[Self::UserEquilibrium, Self::SystemOptimum];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::UserEquilibrium => "ue",
+            Self::SystemOptimum => "so",
+        }
+    }
+
+    fn meaning(self) -> &'static str {
+        match self {
+            Self::UserEquilibrium => "User equilibrium: nobody gains by changing route",
+            Self::SystemOptimum => "System optimum: the sum of everybody's travel cost is least",
+        }
+    }
+}
+
+/// What to solve, how, and when to stop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// How the flows are found.
+    pub algorithm: Algorithm,
+    /// What they minimise.
+    pub objective: Objective,
+    /// Stop at this relative gap: not negative, finite.
+    pub gap: f64,
+    /// Stop after this many iterations even if the gap is larger; 0 gives all-or-nothing flows.
+    pub max_iterations: usize,
+    /// Threads for the shortest paths; 0 takes one per core. The result does not depend on it.
+    pub threads: usize,
+}
+
+impl Options {
+    /// Refuses a gap that is negative or not finite.
+    fn check(&self) -> Result<()> {
+        if self.gap.is_finite() && self.gap >= 0.0 {
+            return Ok(());
+        }
+        let expected = "a finite number, not negative";
+        Err(Error::input("relative gap", self.gap, expected))
+    }
+}
+
+impl Default for Options {
+    /// Path-based user equilibrium to a gap of 1e-6, one thread per core.
+    fn default() -> Self {
+        Self {
+            algorithm: Algorithm::default(),
+            objective: Objective::default(),
+            gap: 1e-6,
+            max_iterations: 10_000,
+            threads: 0,
+        }
+    }
+}
+
+/// Why a solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// The relative gap asked for is reached.
+    Gap,
+    /// [`Options::max_iterations`] are used up.
+    Iterations,
+    /// Neither gap nor objective improve any more: double precision, or the method, gives no more.
+    Stagnation,
+}
+
+/// The state after one iteration; record 0 is the initial loading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IterationRecord {
+    /// Iterations so far.
+    pub iteration: usize,
+    /// (TSTT - SPTT) / TSTT of the flows at this point, see [`Solution::relative_gap`].
+    pub relative_gap: f64,
+    /// The objective of the flows at this point.
+    pub objective: f64,
+    /// Wall time since the solve began.
+    pub seconds: f64,
+}
+
+/// Flows and how good they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// Vehicles per unit of time on each link, in file order.
+    pub link_flows: Vec<f64>,
+    /// Generalised travel cost that a vehicle meets on each link (not the marginal cost, whatever the objective).
+    pub link_costs: Vec<f64>,
+    /// (TSTT - SPTT) / TSTT, never negative. TSTT is the sum of flow times cost, SPTT the same if everybody took the
+    /// cheapest route at these costs; with [`Objective::SystemOptimum`] both use marginal costs.
+    pub relative_gap: f64,
+    /// What was minimised: the Beckmann function or the total travel cost.
+    pub objective: f64,
+    /// Sum over links of flow times generalised travel cost.
+    pub total_travel_time: f64,
+    /// Iterations after the initial loading.
+    pub iterations: usize,
+    /// Whether the relative gap asked for was reached.
+    pub converged: bool,
+    /// Why it ended.
+    pub stopped: Stop,
+    /// The paths that the trips take, by ascending origin and destination; empty with the Frank-Wolfe family, which
+    /// knows link flows only. They are a start for [`assign_from`].
+    pub path_flows: Vec<PathFlow>,
+    /// One record per iteration, the initial loading first.
+    pub convergence: Vec<IterationRecord>,
+}
+
+/// Assigns `demand` to `network`.
+///
+/// # Errors
+/// [`Error::Input`] for a gap that is negative or not finite, a demand for other zones than the network's, an origin
+/// and destination with demand but no path, or costs that overflow when the whole demand takes one link.
+pub fn assign(network: &Network, demand: &Demand, options: &Options) -> Result<Solution> {
+    assign_observed(network, demand, options, &mut |_| {})
+}
+
+/// [`assign`], calling `observe` with the record of every iteration as it ends, the initial loading first.
+///
+/// # Errors
+/// As [`assign`].
+pub fn assign_observed(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
+    solve(network, demand, options, path_based::Start::Nothing, observe)
+}
+
+/// [`assign_observed`] from the [path flows](Solution::path_flows) of an earlier solution: on the same links with other
+/// capacities, or for another demand. Each pair's trips start in the same shares on the same paths; pairs that had none
+/// start on their cheapest path.
+///
+/// # Errors
+/// As [`assign`], and for an algorithm that is not path-based, or paths that are none in this network.
+pub fn assign_from(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    start: &[PathFlow],
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
+    if options.algorithm != Algorithm::PathBased {
+        let expected = "the path-based one: the others know link flows only, which fit no other demand";
+        return Err(Error::input(
+            "algorithm for a warm start",
+            "Frank-Wolfe",
+            expected,
+        ));
+    }
+    let start = path_flows::WarmStart::new(network, start)?;
+    solve(network, demand, options, path_based::Start::Paths(start), observe)
+}
+
+fn solve(
+    network: &Network,
+    demand: &Demand,
+    options: &Options,
+    start: path_based::Start<'_>,
+    observe: &mut dyn FnMut(&IterationRecord),
+) -> Result<Solution> {
+    options.check()?;
+    let problem = Problem::new(network, demand, options)?;
+    let mut progress = problem::Progress::new(options, observe);
+    let (link_flows, path_flows) = match options.algorithm {
+        Algorithm::FrankWolfe | Algorithm::ConjugateFrankWolfe | Algorithm::BiconjugateFrankWolfe => (
+            frank_wolfe::solve(&problem, options.algorithm, &mut progress)?,
+            Vec::new(),
+        ),
+        Algorithm::PathBased => {
+            let (link_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
+            (link_flows, path_based::path_flows(demand, &blocks))
+        }
+    };
+    Ok(progress.into_solution(network, link_flows, path_flows))
+}

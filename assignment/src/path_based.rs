@@ -1,0 +1,331 @@
+//! Gradient projection on path flows (Jayakrishnan, Tsai, Prashker and Rajadhyaksha, "A Faster Path-Based Algorithm for
+//! Traffic Assignment", Transportation Research Record 1443, 1994), with Gauss-Seidel sweeps.
+//!
+//! One iteration searches the cheapest path of every origin-destination pair at fixed costs, which also yields the gap,
+//! and adds those that are cheaper than all known ones. Sweeps over the pairs then shift flow from dearer to the cheapest
+//! path by Newton steps, costs following at once. Paths that carry nothing are dropped, and link flows are summed anew
+//! from the paths, so that rounding does not pile up.
+
+use crate::all_or_nothing::unreachable_pair;
+use crate::demand::Demand;
+use crate::line_search::exact_step;
+use crate::newton;
+use crate::path_flows::{PathFlow, WarmStart};
+use crate::path_set::{Pair, PathSet, path_cost};
+use crate::path_shift::{LinkState, Shift};
+use crate::problem::{Problem, Progress, dot, relative_gap};
+use crate::shortest_path::{SearchOrder, ShortestPathTree};
+use kit::error::Result;
+use std::ops::Range;
+
+/// A new path must be cheaper than the known ones by more than this share: sums in another order differ by as much.
+const PATH_COST_TOLERANCE: f64 = 1e-14;
+
+/// Most sweeps over all pairs between two searches for new paths (chosen with the three that follow: of the settings
+/// tried they take the least time to gaps from 1e-4 to 1e-12).
+const SWEEPS_PER_ITERATION: usize = 20;
+
+/// Sweeps end when the largest excess cost has fallen to this share of the first sweep's.
+const SWEEP_REDUCTION: f64 = 0.01;
+
+/// Sweeps that leave more than this share of the first one's largest excess creep: where they do so twice in a row, a step
+/// on all pairs at once follows (chosen: of 0.03 to 0.5, those from 0.1 spare the large networks that do without, and all solve the random ones).
+const CREEPING: f64 = 0.2;
+
+/// Below this gap sweeps creep because costs differ by rounding alone, and a step on all pairs at once is work for nothing.
+const ROUNDING_GAP: f64 = 1e-13;
+
+/// A pair whose excess cost is below this share of the largest one of the sweep before has little to gain: it rests.
+const RESTING_SHARE: f64 = 0.03;
+
+/// Sweeps that a resting pair sits out.
+const RESTING_SWEEPS: u32 = 3;
+
+/// Every so many sweeps the last one is extrapolated (chosen).
+const EXTRAPOLATION_INTERVAL: usize = 5;
+
+/// Longest extrapolation, in sweeps (chosen).
+const LARGEST_EXTRAPOLATION: f64 = 1e4;
+
+/// Where no pair changes by more than this share of its demand, long steps would magnify rounding: sweeps finish the work
+/// (chosen: of 1e-8 to 1e-12 it needs the fewest iterations on random networks).
+const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
+
+/// Where a solve begins.
+pub(crate) enum Start<'s> {
+    /// At cheapest paths.
+    Nothing,
+    /// At known paths, of whatever origin.
+    Paths(WarmStart<'s>),
+    /// Where the last solve ended, for the same demand on the same links.
+    End(Vec<Block>),
+}
+
+/// Link flows of the last record of `progress`, and the paths that make them up.
+pub(crate) fn solve(
+    problem: &Problem<'_>,
+    start: Start<'_>,
+    progress: &mut Progress<'_>,
+) -> Result<(Vec<f64>, Vec<Block>)> {
+    let mut state = LinkState::new(problem);
+    let is_warm = !matches!(start, Start::Nothing);
+    let mut blocks = match start {
+        Start::Nothing => initial_loading(problem, None, &mut state)?,
+        Start::Paths(start) => initial_loading(problem, Some(&start), &mut state)?,
+        Start::End(mut blocks) => {
+            // The last search may have found paths that were not worth while then.
+            problem.for_each(&mut blocks, |block| block.take_in_found(problem));
+            sum_paths(&blocks, &mut state);
+            blocks
+        }
+    };
+    if is_warm {
+        // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
+        state.update();
+        equilibrate(&mut blocks, &mut state, false);
+    }
+    let mut creeps = false;
+    loop {
+        sum_paths(&blocks, &mut state);
+        problem.for_each(&mut blocks, |block| {
+            block.find_cheaper_paths(problem, &state.costs);
+        });
+        let shortest_path_cost = blocks.iter().map(|block| block.shortest_path_cost).sum();
+        let gap = relative_gap(dot(&state.flows, &state.costs), shortest_path_cost);
+        if progress.record(gap, problem.objective(&state.flows)) {
+            return Ok((state.flows, blocks));
+        }
+        problem.for_each(&mut blocks, |block| block.take_in_found(problem));
+        creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
+    }
+}
+
+/// The paths that carry anything, as a result.
+pub(crate) fn path_flows(demand: &Demand, blocks: &[Block]) -> Vec<PathFlow> {
+    let path_flows = blocks.iter().flat_map(|block| block.path_flows(demand));
+    path_flows.collect()
+}
+
+/// Link flows as the sum of path flows, and their costs.
+fn sum_paths(blocks: &[Block], state: &mut LinkState<'_>) {
+    state.flows.fill(0.0);
+    for block in blocks {
+        block.paths.load(&mut state.flows);
+    }
+    state.update();
+}
+
+/// Some origins with the paths of all their pairs.
+#[derive(Clone)]
+pub(crate) struct Block {
+    /// Indices into the demand's origins.
+    origins: Range<usize>,
+    paths: PathSet,
+    tree: ShortestPathTree,
+    /// Per origin, how the last search went.
+    orders: Vec<SearchOrder>,
+    shortest_path_cost: f64,
+}
+
+/// Loads one origin after the other on its cheapest paths, each at the costs that the previous ones leave; pairs that a
+/// warm start knows take its paths in its shares.
+fn initial_loading(
+    problem: &Problem<'_>,
+    start: Option<&WarmStart<'_>>,
+    state: &mut LinkState<'_>,
+) -> Result<Vec<Block>> {
+    let mut blocks = Vec::new();
+    let mut links = Vec::new();
+    let mut next = 0;
+    for origins in problem.origin_blocks() {
+        let mut block = Block {
+            origins: next..next + origins.len(),
+            paths: PathSet::with_capacity(origins.iter().map(|from| from.destinations.len()).sum()),
+            tree: ShortestPathTree::new(problem.network),
+            orders: vec![SearchOrder::default(); origins.len()],
+            shortest_path_cost: 0.0,
+        };
+        for (index, from) in origins.iter().enumerate() {
+            let mut searched = false;
+            for &(destination, volume) in &from.destinations {
+                let known = start.map_or(&[][..], |start| start.of(from.origin, destination));
+                let total: f64 = known.iter().map(|path| path.volume).sum();
+                for path in known {
+                    let flow = path.volume / total * volume;
+                    state.load(&path.links, flow);
+                    block.paths.push_path(path.links.iter().rev().copied(), flow);
+                }
+                if known.is_empty() {
+                    if !std::mem::replace(&mut searched, true) {
+                        state.update();
+                        let order = &mut block.orders[index];
+                        block
+                            .tree
+                            .search(problem.network, &state.costs, from.origin, order);
+                    }
+                    if block.tree.cost_to(destination) == f64::INFINITY {
+                        return Err(unreachable_pair(problem.network, from.origin, destination));
+                    }
+                    block.tree.trace(problem.network, destination, &mut links);
+                    state.load(&links, volume);
+                    block.paths.push_path(links.iter().copied(), volume);
+                }
+                block.paths.end_pair(volume);
+            }
+        }
+        next = block.origins.end;
+        blocks.push(block);
+    }
+    Ok(blocks)
+}
+
+impl Block {
+    /// Notes the cheapest path of each pair where it is cheaper than all known ones; sums up what all trips would cost on
+    /// the cheapest paths.
+    fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
+        let mut links = Vec::new();
+        self.shortest_path_cost = 0.0;
+        let mut pair = 0;
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        for (from, order) in origins.iter().zip(&mut self.orders) {
+            self.tree.search(problem.network, link_costs, from.origin, order);
+            for &(destination, volume) in &from.destinations {
+                let cost = self.tree.cost_to(destination);
+                self.shortest_path_cost += volume * cost;
+                let used = self.paths.used(pair);
+                let known = used
+                    .map(|(_, links)| path_cost(links, link_costs))
+                    .fold(f64::INFINITY, f64::min);
+                if cost < known * (1.0 - PATH_COST_TOLERANCE) {
+                    self.tree.trace(problem.network, destination, &mut links);
+                    // Summed in the order of the known paths, a path that is known already is not cheaper.
+                    if path_cost(&links, link_costs) < known {
+                        self.paths.note(pair, &links);
+                    }
+                }
+                pair += 1;
+            }
+        }
+    }
+
+    /// Gives the pairs the paths that were noted.
+    fn take_in_found(&mut self, problem: &Problem<'_>) {
+        let origins = &problem.demand.origins()[self.origins.clone()];
+        let destinations = origins.iter().flat_map(|from| &from.destinations);
+        self.paths.take_in(destinations.map(|&(_, volume)| volume));
+    }
+
+    /// The paths that carry anything, as a result.
+    fn path_flows(&self, demand: &Demand) -> impl Iterator<Item = PathFlow> {
+        let ends = demand.origins()[self.origins.clone()].iter().flat_map(|from| {
+            let destinations = from.destinations.iter();
+            destinations.map(|&(destination, _)| (from.origin, destination))
+        });
+        ends.enumerate().flat_map(|(pair, (origin, destination))| {
+            self.paths.used(pair).map(move |(path, links)| PathFlow {
+                origin: origin + 1,
+                destination: destination + 1,
+                volume: path.flow,
+                links: links.iter().rev().copied().collect(),
+            })
+        })
+    }
+}
+
+/// Sweeps over all pairs until their excess costs have fallen well below those at the start, and makes path flows add up.
+/// Where `exact`, a step on all pairs at once helps sweeps that creep. Returns whether they do.
+fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> bool {
+    let mut shift = Shift::new(state.flows.len());
+    let mut first_excess = 0.0;
+    let mut previous_excess = 0.0;
+    let mut creeps = false;
+    for sweep in 1..=SWEEPS_PER_ITERATION {
+        let extrapolated = sweep % EXTRAPOLATION_INTERVAL == 0 && sweep < SWEEPS_PER_ITERATION;
+        let mut largest_excess = 0.0_f64;
+        for mut pair in choices(blocks) {
+            if extrapolated {
+                pair.paths
+                    .iter_mut()
+                    .for_each(|path| path.flow_before = path.flow);
+            } else if *pair.rest > 0 {
+                *pair.rest -= 1;
+                continue;
+            }
+            let excess = shift.towards_cheapest(&mut pair, state);
+            largest_excess = largest_excess.max(excess);
+            *pair.rest = if excess < RESTING_SHARE * previous_excess {
+                RESTING_SWEEPS
+            } else {
+                0
+            };
+        }
+        previous_excess = largest_excess;
+        if sweep == 1 {
+            first_excess = largest_excess;
+        }
+        if largest_excess <= SWEEP_REDUCTION * first_excess {
+            break;
+        }
+        creeps = sweep == SWEEPS_PER_ITERATION && largest_excess > CREEPING * first_excess;
+        if creeps && exact {
+            let mut pairs: Vec<Pair<'_>> = choices(blocks).collect();
+            newton::balance(&mut pairs, state);
+        }
+        // Never at the end: the next sweep evens out what a long step magnifies.
+        if extrapolated {
+            extrapolate(blocks, state);
+        }
+    }
+    for mut pair in choices(blocks) {
+        *pair.rest = 0;
+        pair.settle();
+    }
+    creeps
+}
+
+/// The pairs that know more than one path.
+fn choices<'b>(blocks: &'b mut [Block]) -> impl Iterator<Item = Pair<'b>> {
+    blocks.iter_mut().flat_map(|block| block.paths.choices())
+}
+
+/// Goes on in the direction of the last sweep as long as the objective falls and no path runs empty.
+///
+/// Sweeps creep where pairs block each other, as when one may leave a steep link only as fast as another joins it; their
+/// changes then all but repeat, and many are worth one long step.
+fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
+    let mut direction = vec![0.0; state.flows.len()];
+    let mut largest_step = LARGEST_EXTRAPOLATION;
+    let mut largest_change = 0.0_f64;
+    for pair in choices(blocks) {
+        for path in pair.paths.iter() {
+            let change = path.flow - path.flow_before;
+            if change == 0.0 {
+                continue;
+            }
+            if change < 0.0 {
+                largest_step = largest_step.min(path.flow / -change);
+            }
+            largest_change = largest_change.max(change.abs() / pair.demand);
+            for &link in path.links(pair.links) {
+                direction[link as usize] += change;
+            }
+        }
+    }
+    if largest_change < SMALLEST_EXTRAPOLATED_CHANGE {
+        return;
+    }
+    let step = exact_step(&state.problem.delays, &state.flows, &direction, largest_step);
+    if step <= 0.0 {
+        return;
+    }
+    for mut pair in choices(blocks) {
+        for path in pair.paths.iter_mut() {
+            path.flow = (path.flow + step * (path.flow - path.flow_before)).max(0.0);
+        }
+        pair.settle();
+    }
+    for (flow, change) in state.flows.iter_mut().zip(&direction) {
+        *flow = (*flow + step * change).max(0.0);
+    }
+    state.update();
+}

@@ -1,0 +1,290 @@
+//! `host-sim assign`: what it writes, what it starts from, what it refuses.
+
+// Helpers are no `#[test]` functions, but unwrap as freely.
+#![allow(clippy::unwrap_used)]
+
+use clap::Parser as _;
+use host_sim::command::assign::{AssignArguments, run};
+use std::path::{Path, PathBuf};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../assignment/tests/fixtures")
+        .join(name)
+}
+
+#[derive(clap::Parser)]
+struct CommandLine {
+    #[command(flatten)]
+    arguments: AssignArguments,
+}
+
+fn assign_arguments(arguments: &[&str]) -> kit::error::Result<()> {
+    let line = ["assign"].iter().chain(arguments);
+    run(&CommandLine::try_parse_from(line).unwrap().arguments)
+}
+
+fn assign_command(arguments: &[&str]) -> kit::error::Result<()> {
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let problem = ["assign", "--json", "--net", net.to_str().unwrap(), "--trips"];
+    let line = problem
+        .into_iter()
+        .chain([trips.to_str().unwrap()])
+        .chain(arguments.iter().copied());
+    run(&CommandLine::try_parse_from(line).unwrap().arguments)
+}
+
+#[test]
+fn the_command_writes_every_result_and_starts_from_paths() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (paths, skims) = (file("paths.csv"), file("skims.csv"));
+    let (selected, record) = (file("selected.csv"), file("convergence.csv"));
+    assign_command(&[
+        "--paths",
+        &paths,
+        "--skims",
+        &skims,
+        "--select-link",
+        "1,3",
+        "--select-link",
+        "10,16",
+        "--selected",
+        &selected,
+        "--convergence",
+        &record,
+    ])
+    .unwrap();
+    let text = std::fs::read_to_string(&selected).unwrap();
+    assert!(text.starts_with("init_node,term_node,origin,destination,volume,share\n1,3,1,3,"));
+    assert!(text.contains("\n10,16,"));
+    assert!(std::fs::read_to_string(&skims).unwrap().lines().count() == 1 + 24 * 23);
+    assert!(std::fs::exists(&record).unwrap());
+    assign_command(&["--warm", &paths, "--max-iterations", "0"]).unwrap();
+}
+
+#[test]
+fn the_command_refuses_results_that_do_not_exist() {
+    for (arguments, message) in [
+        (
+            &["--selected", "x"][..],
+            "--selected: found no --select-link, expected both: the links, and the file for their trips",
+        ),
+        (
+            &["--select-link", "1,2"],
+            "--select-link: found no --selected, expected both: the links, and the file for their trips",
+        ),
+        (
+            &["--select-link", "1", "--selected", "x"],
+            "--select-link: found `1`, expected two nodes with a comma between them",
+        ),
+        (
+            &["--select-link", "1,9", "--selected", "x"],
+            "--select-link: found 1,9, expected two nodes that a link joins",
+        ),
+        (
+            &["--algorithm", "bfw", "--paths", "x"],
+            "--paths: found another algorithm, expected `--algorithm path`: the Frank-Wolfe family knows no paths",
+        ),
+        (
+            &["--check", "x", "--skims", "y"],
+            "--skims: found --check beside it, expected one of the two: --check solves nothing",
+        ),
+        (
+            &["--warm", "/nowhere/paths"],
+            "/nowhere/paths: No such file or directory (os error 2)",
+        ),
+    ] {
+        assert_eq!(assign_command(arguments).unwrap_err().to_string(), message);
+    }
+}
+
+#[test]
+fn flows_go_through_parquet_and_networks_through_gmns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (flows, gmns, demand) = (path("flows.parquet"), path("gmns"), path("gmns/demand.csv"));
+    assign_command(&["--flows", &flows, "--gmns", &gmns]).unwrap();
+    let bytes = std::fs::read(&flows).unwrap();
+    assert!(bytes.starts_with(b"PAR1"));
+    assign_command(&["--check", &flows]).unwrap();
+    // The network that was written is the same problem: the same flows, bit by bit.
+    let again = path("again.parquet");
+    let line = [
+        "assign", "--json", "--net", &gmns, "--trips", &demand, "--flows", &again,
+    ];
+    run(&CommandLine::try_parse_from(line).unwrap().arguments).unwrap();
+    assert_eq!(bytes, std::fs::read(&again).unwrap());
+    // A file that only calls itself Parquet.
+    let text = path("text.parquet");
+    std::fs::rename(&demand, &text).unwrap();
+    let message = assign_command(&["--check", &text]).unwrap_err().to_string();
+    assert!(message.ends_with("expected a Parquet file"), "{message}");
+}
+
+const NODES: &str = "\
+node_id,name,zone_id,node_type,x_coord
+a,\"Mill, the\",,,1
+c7,,10,centroid,2
+b,,20,,3
+";
+
+const LINKS: &str = "\
+link_id,from_node_id,to_node_id,directed,geometry,length,free_speed,capacity,lanes,toll
+1,c7,a,false,\"LINESTRING (0 0, 1 1)\",2,60,900,2,0
+2,a,b,1,,3,30,800,,1.5
+";
+
+const DEMAND: &str = "o_zone_id,d_zone_id,volume\n10,20,100\n20,20,7\n";
+
+const NET: &str = r#"<?xml version="1.0"?>
+<net version="1.20">
+    <edge id=":B_0" function="internal">
+        <lane id=":B_0_0" index="0" speed="8" length="9"/>
+    </edge>
+    <edge id="AB" from="A" to="B">
+        <lane id="AB_0" index="0" speed="10" length="100" allow="pedestrian"/>
+        <lane id="AB_1" index="1" speed="10" length="100"/>
+        <lane id="AB_2" index="2" speed="10" length="100" disallow="tram"/>
+    </edge>
+    <edge id="BC" from="B" to="C" priority="-1">
+        <lane id="BC_0" index="0" speed="20" length="300"/>
+    </edge>
+    <edge id="rail" from="C" to="A">
+        <lane id="rail_0" index="0" speed="20" length="300" allow="rail"/>
+    </edge>
+</net>
+"#;
+
+const ROUTES: &str = r#"<routes>
+    <vType id="car"/>
+    <route id="long" edges="AB BC"/>
+    <vehicle id="1" depart="0" route="long"/>
+    <vehicle id="2" depart="1">
+        <route edges="BC"/>
+    </vehicle>
+    <trip id="3" depart="2" from="AB" to="AB"/>
+    <trip id="4" depart="3" fromJunction="A" toJunction="C"/>
+</routes>
+"#;
+
+#[test]
+fn the_command_tells_the_formats_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let assign = |net: &Path, trips: &Path, flows: &Path| {
+        let (net, trips, flows) = (
+            net.to_str().unwrap(),
+            trips.to_str().unwrap(),
+            flows.to_str().unwrap(),
+        );
+        let line = [
+            "assign", "--json", "--net", net, "--trips", trips, "--flows", flows,
+        ];
+        run(&CommandLine::try_parse_from(line).unwrap().arguments).unwrap();
+    };
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let (net, routes) = (file("x.net.xml", NET), file("x.rou.xml", ROUTES));
+    let flows = folder.path().join("flows.csv");
+    assign(&net, &routes, &flows);
+    let text = std::fs::read_to_string(&flows).unwrap();
+    assert!(text.starts_with("init_node,term_node,volume,cost\nA,B,3,"));
+    file("node.csv", NODES);
+    file("link.csv", LINKS);
+    assign(folder.path(), &file("demand.csv", DEMAND), &flows);
+    let text = std::fs::read_to_string(&flows).unwrap();
+    assert!(text.starts_with("init_node,term_node,volume,cost\nc7,a,100,"));
+}
+
+#[test]
+fn the_command_refuses_options_that_make_no_sense() {
+    let net = fixture("SiouxFalls_net.tntp");
+    let net = net.to_str().unwrap();
+    for (arguments, message) in [
+        (
+            &["--net", "grid", "--gap", "-1"][..],
+            "--gap: found -1, expected a finite number, not negative",
+        ),
+        (
+            &["--net", "grid", "--gap", "nan"],
+            "--gap: found NaN, expected a finite number, not negative",
+        ),
+        (
+            &["--net", "grid", "--toll-weight", "inf"],
+            "--toll-weight: found inf, expected a finite number, not negative",
+        ),
+        (
+            &["--net", "grid", "--distance-weight", "-0.1"],
+            "--distance-weight: found -0.1, expected a finite number, not negative",
+        ),
+        (
+            &["--net", "grid", "--trips", "x"],
+            "--trips: found x, expected none with `--net grid`, which brings its own demand",
+        ),
+        (
+            &["--net", net],
+            "trips: found none, expected a TNTP trip table for the network file",
+        ),
+        (
+            &["--net", "/nowhere/net"],
+            "/nowhere/net: No such file or directory (os error 2)",
+        ),
+        (
+            &["--net", "grid", "--toll-weight", "0.02"],
+            "--toll-weight: found 0.02, expected none with `--net grid`, whose costs are times alone",
+        ),
+        (
+            &["--net", "grid", "--select-link", "1,2"],
+            "--select-link: found no --selected, expected both: the links, and the file for their trips",
+        ),
+        (
+            &["--net", "grid", "--check", "x", "--flows", "y"],
+            "--flows: found --check beside it, expected one of the two: --check solves nothing",
+        ),
+        (
+            &["--net", "/nowhere/net", "--trips", "x"],
+            "/nowhere/net: No such file or directory (os error 2)",
+        ),
+    ] {
+        assert_eq!(assign_arguments(arguments).unwrap_err().to_string(), message);
+    }
+    let before = std::fs::read(net).unwrap();
+    let failure = assign_arguments(&["--net", net, "--trips", net, "--flows", net]).unwrap_err();
+    let expected = format!("--flows: found {net}, which is read, expected a file of its own");
+    assert_eq!(failure.to_string(), expected);
+    assert_eq!(std::fs::read(net).unwrap(), before);
+}
+
+#[test]
+fn the_command_writes_flows_that_it_accepts_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let flows = folder.path().join("flows.csv");
+    let flows = flows.to_str().unwrap();
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let problem = [
+        "--net",
+        net.to_str().unwrap(),
+        "--trips",
+        trips.to_str().unwrap(),
+        "--json",
+    ];
+    assign_arguments(&[&problem[..], &["--flows", flows, "--threads", "2", "--seed", "7"]].concat()).unwrap();
+    let text = std::fs::read_to_string(flows).unwrap();
+    assert_eq!(text.lines().count(), 77);
+    assert!(text.starts_with("init_node,term_node,volume,cost\n1,2,"));
+    assign_arguments(&[&problem[..], &["--check", flows]].concat()).unwrap();
+    // Too few iterations for the gap are no failure, and the flows are there.
+    std::fs::remove_file(flows).unwrap();
+    assign_arguments(
+        &[
+            &problem[..],
+            &["--flows", flows, "--algorithm", "fw", "--max-iterations", "2"],
+        ]
+        .concat(),
+    )
+    .unwrap();
+    assert!(std::fs::exists(flows).unwrap());
+}
