@@ -4,8 +4,8 @@
 
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::mobility::Grid;
+use host_sim::policy::{KINDS, Kind, actor, age_threshold, aloha, central};
 use host_sim::scenario::ScenarioSource;
 use host_sim::simulation::{Extent, Simulation};
 use std::path::Path;
@@ -66,11 +66,11 @@ fn open(link: &str) -> Page {
 }
 
 /// What the command line runs for the page's world.
-fn command_line(policy: PolicyName) -> AgeSummary {
+fn command_line(policy: &'static Kind) -> AgeSummary {
     let scenario = ScenarioSource::default().read().unwrap();
     let simulation = Simulation {
         scenario: &scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent: Extent {
             seed: SEED,
             worlds: 1,
@@ -79,7 +79,7 @@ fn command_line(policy: PolicyName) -> AgeSummary {
         },
     };
     let table = Table::parse(firmware::tables::DISTILLED).unwrap();
-    simulation.run_policy(policy, &table, |_| ()).unwrap().0
+    simulation.run_policy(policy, &table, |_, _| ()).unwrap().0
 }
 
 fn mean_age_ms(page: &Page, run: usize) -> f64 {
@@ -115,19 +115,14 @@ fn the_page_has_the_command_line_s_numbers_and_policies_take_over_while_it_runs(
         "document.getElementById('cell').dataset.elapsed == {until}"
     ));
     page.wait_for("document.getElementById('cell').dataset.state === 'paused'");
-    let shown = [
-        PolicyName::Actor,
-        PolicyName::Central,
-        PolicyName::AgeThreshold,
-        PolicyName::Aloha,
-    ];
+    let shown = [&actor::KIND, &central::KIND, &age_threshold::KIND, &aloha::KIND];
     for (run, policy) in shown.into_iter().enumerate() {
         let expected = command_line(policy).mean_ms;
         assert_eq!(
             mean_age_ms(&page, run).to_bits(),
             expected.to_bits(),
             "{}",
-            policy.name()
+            policy.name
         );
     }
     let actor = mean_age_ms(&page, 0);
@@ -234,8 +229,8 @@ fn any_setting_leaves_a_running_cell() {
         }
     }
     page.set("c-min", "2");
-    for policy in PolicyName::ALL {
-        page.set("policy", policy.name());
+    for &policy in KINDS {
+        page.set("policy", policy.name);
         runs();
     }
     page.set("policy", "actor");

@@ -3,8 +3,8 @@
 
 use host_sim::hil::fleet::{Fleet, FleetResult};
 use host_sim::hil::image::Image;
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::mobility::Grid;
+use host_sim::policy::actor;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
 use system_tests::image;
@@ -43,7 +43,7 @@ fn images_decide_as_the_library_does_and_in_time() {
 
     let simulation = Simulation {
         scenario: &scenario(),
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent: Extent {
             seed: 11,
             worlds: 1,
@@ -52,7 +52,7 @@ fn images_decide_as_the_library_does_and_in_time() {
         },
     };
     let table = firmware::table::Table::parse(firmware::tables::DISTILLED).unwrap();
-    let (ages, _) = simulation.run_policy(PolicyName::Actor, &table, |_| ()).unwrap();
+    let (ages, _) = simulation.run_policy(&actor::KIND, &table, |_, _| ()).unwrap();
     assert_eq!(result.ages, ages);
 }
 

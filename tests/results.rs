@@ -3,8 +3,8 @@
 
 use firmware::table::Table;
 use host_sim::age::{AgeSummary, ideal_age_ms};
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::mobility::Grid;
+use host_sim::policy::{Kind, actor, age_threshold, aloha, always, central};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
 use trainer::evaluate::compare;
@@ -30,27 +30,27 @@ fn scenario(vehicles: u32) -> Scenario {
     scenario_with(&[&format!("cell.vehicles={vehicles}")])
 }
 
-fn policy_ages(scenario: &Scenario, policy: PolicyName) -> AgeSummary {
+fn policy_ages(scenario: &Scenario, policy: &'static Kind) -> AgeSummary {
     let table = Table::parse(firmware::tables::DISTILLED).unwrap();
     let simulation = Simulation {
         scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent: EXTENT,
     };
-    simulation.run_policy(policy, &table, |_| ()).unwrap().0
+    simulation.run_policy(policy, &table, |_, _| ()).unwrap().0
 }
 
-fn ages(vehicles: u32, policy: PolicyName) -> AgeSummary {
+fn ages(vehicles: u32, policy: &'static Kind) -> AgeSummary {
     policy_ages(&scenario(vehicles), policy)
 }
 
 fn actor_ages(scenario: &Scenario) -> AgeSummary {
-    policy_ages(scenario, PolicyName::Actor)
+    policy_ages(scenario, &actor::KIND)
 }
 
 #[test]
 fn actor_keeps_twenty_vehicles_near_the_central_scheduler() {
-    let (actor, central) = (ages(20, PolicyName::Actor), ages(20, PolicyName::Central));
+    let (actor, central) = (ages(20, &actor::KIND), ages(20, &central::KIND));
     assert!(actor.mean_ms <= 4.12, "{}", actor.mean_ms);
     assert!(
         actor.mean_ms / central.mean_ms <= 1.06,
@@ -67,10 +67,7 @@ fn actor_keeps_twenty_vehicles_near_the_central_scheduler() {
 fn one_table_serves_every_load() {
     // Ratios over 512 worlds of seed 1 are 1.042 to 1.048; 256 worlds spread by about 0.01.
     for vehicles in [5, 10, 30, 40, 60] {
-        let (actor, central) = (
-            ages(vehicles, PolicyName::Actor),
-            ages(vehicles, PolicyName::Central),
-        );
+        let (actor, central) = (ages(vehicles, &actor::KIND), ages(vehicles, &central::KIND));
         let ratio = actor.mean_ms / central.mean_ms;
         assert!(ratio <= 1.06, "{vehicles} vehicles: {ratio}");
     }
@@ -98,12 +95,12 @@ fn vehicles_may_come_and_go() {
 #[test]
 fn baselines_are_where_they_belong() {
     for (policy, least, most) in [
-        (PolicyName::AgeThreshold, 7.5, 7.9),
-        (PolicyName::Aloha, 12.7, 13.8),
-        (PolicyName::Always, 60.0, 100.0),
+        (&age_threshold::KIND, 7.5, 7.9),
+        (&aloha::KIND, 12.7, 13.8),
+        (&always::KIND, 60.0, 100.0),
     ] {
         let mean = ages(20, policy).mean_ms;
-        assert!((least..=most).contains(&mean), "{}: {mean}", policy.name());
+        assert!((least..=most).contains(&mean), "{}: {mean}", policy.name);
     }
 }
 
@@ -137,7 +134,7 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
     let scenario = scenario(20);
     let simulation = Simulation {
         scenario: &scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent: EXTENT,
     };
     let comparison = compare(&simulation, &made.actors, &[shipped]).unwrap();

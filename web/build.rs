@@ -12,7 +12,6 @@ const SOURCES: &[&str] = &[
     "host-sim/presets",
     "host-sim/src/age.rs",
     "host-sim/src/base_station.rs",
-    "host-sim/src/cell.rs",
     "host-sim/src/channel",
     "host-sim/src/churn.rs",
     "host-sim/src/decisions.rs",
@@ -20,9 +19,12 @@ const SOURCES: &[&str] = &[
     "host-sim/src/lanes",
     "host-sim/src/mobility",
     "host-sim/src/policy",
+    "host-sim/src/presence.rs",
     "host-sim/src/radio.rs",
     "host-sim/src/scenario",
+    "host-sim/src/senses.rs",
     "host-sim/src/stream.rs",
+    "host-sim/src/truth.rs",
     "web/src",
 ];
 

@@ -1,6 +1,7 @@
 //! Statistics of ages over slots, vehicles and worlds.
 
 use crate::lanes::{LANES, Row, Rows, Vectors};
+use crate::presence::Presence;
 use firmware::units::Age;
 
 /// Slots at the start whose mean age is reported as `first100`.
@@ -72,8 +73,11 @@ pub struct AgeCounter {
     start_counts: Vec<u64>,
     /// Sum over slots after warm-up. `[vehicle][world]`.
     by_vehicle: Rows<u32>,
-    /// Slots after warm-up in which a vehicle was present.
+    /// Slots after warm-up in which a vehicle was present in some world.
     presence: Vec<u64>,
+    /// Where worlds have different vehicles: how often a vehicle of the list was absent from a world, by slot from the start
+    /// and, after warm-up, by vehicle. `[slot][world]` and `[vehicle][world]`.
+    absences: Option<(Rows<u32>, Rows<u32>)>,
     /// Received transmissions after warm-up. One item.
     successes: Rows<u32>,
     slots: u64,
@@ -90,6 +94,7 @@ impl AgeCounter {
             start_counts: Vec::with_capacity(START_CURVE_SLOTS),
             by_vehicle: Rows::new(worlds, vehicles, 0),
             presence: vec![0; vehicles],
+            absences: None,
             successes: Rows::new(worlds, 1, 0),
             slots: 0,
         }
@@ -100,10 +105,15 @@ impl AgeCounter {
         &mut self,
         vectors: Vectors,
         slot: u32,
-        present: &[usize],
+        presence: &Presence,
         ages: &Rows<u8>,
         successes: &Rows<u16>,
     ) {
+        if let Some(here) = presence.rows() {
+            self.record_present(slot, here, ages, successes);
+            return;
+        }
+        let present = presence.vehicles();
         let warm = slot >= self.warmup;
         let start = self.start_counts.len();
         let starting = start < START_CURVE_SLOTS;
@@ -142,21 +152,78 @@ impl AgeCounter {
         }
     }
 
+    /// [`AgeCounter::record`] where worlds have different vehicles: `here` is 1 where a vehicle is present, `[vehicle][world]`.
+    fn record_present(&mut self, slot: u32, here: &Rows<u8>, ages: &Rows<u8>, successes: &Rows<u16>) {
+        let (worlds, vehicles) = (self.worlds, self.presence.len());
+        let (slots_absent, vehicle_absent) = self.absences.get_or_insert_with(|| {
+            (
+                Rows::new(worlds, START_CURVE_SLOTS, 0),
+                Rows::new(worlds, vehicles, 0),
+            )
+        });
+        let warm = slot >= self.warmup;
+        let start = self.start_counts.len();
+        let starting = start < START_CURVE_SLOTS;
+        for world in 0..worlds {
+            for vehicle in 0..vehicles {
+                let age = ages.get(world, vehicle);
+                let here = here.get(world, vehicle) > 0;
+                let count = |rows: &mut Rows<u32>, item: usize, more: u32| {
+                    rows.set(world, item, rows.get(world, item) + more);
+                };
+                if starting && here {
+                    count(&mut self.start, start, age.into());
+                } else if starting {
+                    count(slots_absent, start, 1);
+                }
+                if warm && here {
+                    count(&mut self.by_vehicle, vehicle, age.into());
+                    let seen = self.histogram.get(world, usize::from(age));
+                    self.histogram.set(world, usize::from(age), seen + 1);
+                } else if warm {
+                    count(vehicle_absent, vehicle, 1);
+                }
+            }
+            if warm {
+                let received = self.successes.get(world, 0) + u32::from(successes.get(world, 0));
+                self.successes.set(world, 0, received);
+            }
+        }
+        if starting {
+            self.start_counts.push(vehicles as u64);
+        }
+        if warm {
+            self.slots += 1;
+            self.presence.iter_mut().for_each(|slots| *slots += 1);
+        }
+    }
+
     /// What was counted in each world.
     pub fn worlds(&self) -> Vec<WorldAges> {
         let mean = |sum: u32, count: u64| Mean {
             sum: u64::from(sum),
             count,
         };
+        let absent = |rows: Option<&Rows<u32>>, world, item| {
+            rows.map_or(0, |rows: &Rows<u32>| u64::from(rows.get(world, item)))
+        };
+        let slots_absent = self.absences.as_ref().map(|(slots, _)| slots);
+        let vehicle_absent = self.absences.as_ref().map(|(_, vehicles)| vehicles);
         let world = |world| WorldAges {
             histogram: std::array::from_fn(|age| self.histogram.get(world, age)),
             start: (0..)
                 .zip(&self.start_counts)
-                .map(|(slot, &count)| mean(self.start.get(world, slot), count))
+                .map(|(slot, &count)| {
+                    let count = count - absent(slots_absent, world, slot);
+                    mean(self.start.get(world, slot), count)
+                })
                 .collect(),
             by_vehicle: (0..)
                 .zip(&self.presence)
-                .map(|(vehicle, &count)| mean(self.by_vehicle.get(world, vehicle), count))
+                .map(|(vehicle, &count)| {
+                    let count = count - absent(vehicle_absent, world, vehicle);
+                    mean(self.by_vehicle.get(world, vehicle), count)
+                })
                 .collect(),
             successes: u64::from(self.successes.get(world, 0)),
             slots: self.slots,
@@ -357,6 +424,7 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mobility::Place;
 
     #[test]
     fn ideal_ages() {
@@ -371,11 +439,13 @@ mod tests {
     #[test]
     fn summary_of_known_ages() {
         let mut counter = AgeCounter::new(2, 2, 1);
+        let mut presence = Presence::new(2, 1, false);
+        presence.update(0, &[(0, Place::default())], &mut Vec::new(), &mut Vec::new());
         for slot in 0..4 {
             let mut ages = Rows::new(2, 1, 0);
             ages.set(0, 0, 1 + slot as u8);
             ages.set(1, 0, 3 + slot as u8);
-            counter.record(Vectors::widest(), slot, &[0], &ages, &Rows::new(2, 1, 1));
+            counter.record(Vectors::widest(), slot, &presence, &ages, &Rows::new(2, 1, 1));
         }
         let worlds = counter.worlds();
         let summary = AgeSummary::new(&worlds).unwrap();

@@ -11,14 +11,30 @@ use std::collections::VecDeque;
 /// The group of a vehicle that has none.
 const NO_GROUP: u8 = u8::MAX;
 
-/// Groups and broadcasts of a batch of worlds. There is a group for every sub-channel.
+/// What vehicles are told, in a batch of worlds: their group at association, periods and joiner probabilities by broadcast.
+/// There is a group for every sub-channel.
+#[derive(Clone, Debug)]
+pub struct Announcements {
+    /// Group of every vehicle. `[vehicle][world]`.
+    home: Rows<u8>,
+    /// The announced period; 0 for a group that is too large. `[group][world]`.
+    period: Rows<u8>,
+    /// Age up to which each vehicle keeps its turn. `[vehicle][world]`.
+    turn_lost_after: Rows<u8>,
+    /// Code of the joiner probability by the number of joiners.
+    codes: Vec<u8>,
+    /// Joiner counts of the last slots. `[slot modulo the ring's length]`, of `[group][world]`.
+    joiners: Vec<Rows<u16>>,
+    /// The counts that vehicles now hear of.
+    heard: usize,
+    groups: usize,
+}
+
+/// Groups and broadcasts of a batch of worlds.
 #[derive(Clone, Debug)]
 pub struct BaseStation {
     shrink_delay_slots: u32,
-    /// Code of the joiner probability by the number of joiners.
-    codes: Vec<u8>,
-    /// Group of every vehicle. `[vehicle][world]`.
-    home: Rows<u8>,
+    announcements: Announcements,
     /// `[group][world]`.
     members: Rows<u16>,
     /// Sizes of the past that still count, each with the last slot in which it held: a decrease is announced late.
@@ -27,14 +43,6 @@ pub struct BaseStation {
     spare: Vec<Rows<u16>>,
     /// Whether the sizes that count have changed since the periods were made.
     changed: bool,
-    /// The announced period; 0 for a group that is too large. `[group][world]`.
-    period: Rows<u8>,
-    /// Age up to which each vehicle keeps its turn. `[vehicle][world]`.
-    turn_lost_after: Rows<u8>,
-    /// Joiner counts of the last slots. `[slot modulo the ring's length]`, of `[group][world]`.
-    joiners: Vec<Rows<u16>>,
-    /// The counts that vehicles now hear of.
-    heard: usize,
     slot: u32,
 }
 
@@ -49,29 +57,33 @@ impl BaseStation {
         let counts = Rows::new(worlds, sub_channels, 0);
         Self {
             shrink_delay_slots: scenario.shrink_delay_slots,
-            codes: (0..=vehicles).map(code).collect(),
-            home: Rows::new(worlds, vehicles, NO_GROUP),
             members: counts.clone(),
             past: VecDeque::new(),
             spare: Vec::new(),
             changed: true,
-            period: Rows::new(worlds, sub_channels, 0),
-            turn_lost_after: Rows::new(worlds, vehicles, 0),
-            joiners: vec![counts; scenario.joiner_count_delay_slots as usize + 1],
-            heard: 0,
+            announcements: Announcements {
+                home: Rows::new(worlds, vehicles, NO_GROUP),
+                period: Rows::new(worlds, sub_channels, 0),
+                turn_lost_after: Rows::new(worlds, vehicles, 0),
+                codes: (0..=vehicles).map(code).collect(),
+                joiners: vec![counts; scenario.joiner_count_delay_slots as usize + 1],
+                heard: 0,
+                groups: sub_channels,
+            },
             slot: 0,
         }
     }
 
-    fn groups(&self) -> usize {
-        self.members.as_flat().len() / (self.members.blocks() * LANES)
+    /// What vehicles are told.
+    pub fn announcements(&self) -> &Announcements {
+        &self.announcements
     }
 
-    /// Associates the vehicles of `arrivals` in all worlds and lets go those of `departures`. Vehicles that arrive together are
+    /// Associates the vehicles of `arrivals` in one world and lets go those of `departures`. Vehicles that arrive together are
     /// dealt in ascending large-scale gain, each to the smallest group, so that weak vehicles spread over all groups.
     pub fn update(
         &mut self,
-        worlds: usize,
+        world: usize,
         arrivals: &mut [usize],
         departures: &[usize],
         large_scale_db: &Rows<f32>,
@@ -80,15 +92,13 @@ impl BaseStation {
             return;
         }
         self.remember_sizes();
-        for world in 0..worlds {
-            for &vehicle in departures {
-                self.leave(world, vehicle);
-            }
-            let gain_db = |vehicle| large_scale_db.get(world, vehicle);
-            arrivals.sort_unstable_by(|&a, &b| gain_db(a).total_cmp(&gain_db(b)).then(a.cmp(&b)));
-            for &vehicle in arrivals.iter() {
-                self.join(world, vehicle);
-            }
+        for &vehicle in departures {
+            self.leave(world, vehicle);
+        }
+        let gain_db = |vehicle| large_scale_db.get(world, vehicle);
+        arrivals.sort_unstable_by(|&a, &b| gain_db(a).total_cmp(&gain_db(b)).then(a.cmp(&b)));
+        for &vehicle in arrivals.iter() {
+            self.join(world, vehicle);
         }
     }
 
@@ -111,19 +121,19 @@ impl BaseStation {
     }
 
     fn leave(&mut self, world: usize, vehicle: usize) {
-        let group = usize::from(self.home.get(world, vehicle));
-        if group < self.groups() {
+        let group = usize::from(self.announcements.home.get(world, vehicle));
+        if group < self.announcements.groups {
             let members = self.members.get(world, group);
             self.members.set(world, group, members - 1);
         }
-        self.home.set(world, vehicle, NO_GROUP);
+        self.announcements.home.set(world, vehicle, NO_GROUP);
     }
 
     /// Puts a vehicle into the smallest group.
     fn join(&mut self, world: usize, vehicle: usize) {
-        let smallest = (0..self.groups()).min_by_key(|&group| self.members.get(world, group));
+        let smallest = (0..self.announcements.groups).min_by_key(|&group| self.members.get(world, group));
         if let Some(group) = smallest {
-            self.home.set(world, vehicle, group as u8);
+            self.announcements.home.set(world, vehicle, group as u8);
             let members = self.members.get(world, group);
             self.members.set(world, group, members + 1);
         }
@@ -141,25 +151,32 @@ impl BaseStation {
             self.announce(present);
             self.changed = false;
         }
-        let ring = self.joiners.len();
+        let Announcements {
+            home,
+            turn_lost_after,
+            joiners: counts,
+            heard,
+            groups,
+            ..
+        } = &mut self.announcements;
+        let (ring, groups) = (counts.len(), *groups);
         if self.slot == 0 {
             // Before the first count arrives, everybody is a joiner.
-            for joiners in &mut self.joiners {
+            for joiners in counts.iter_mut() {
                 joiners.as_flat_mut().copy_from_slice(self.members.as_flat());
             }
         }
         let now = self.slot as usize % ring;
-        self.heard = (now + 1) % ring;
-        let joiners = &mut self.joiners[now];
+        *heard = (now + 1) % ring;
+        let joiners = &mut counts[now];
         joiners.as_flat_mut().fill(0);
-        let groups = self.members.as_flat().len() / (self.members.blocks() * LANES);
-        for block in 0..self.home.blocks() {
+        for block in 0..home.blocks() {
             vectors.run(
                 #[inline(always)]
                 || {
                     for &vehicle in present {
-                        let (home, age) = (*self.home.row(block, vehicle), *ages.row(block, vehicle));
-                        let limit = *self.turn_lost_after.row(block, vehicle);
+                        let (home, age) = (*home.row(block, vehicle), *ages.row(block, vehicle));
+                        let limit = *turn_lost_after.row(block, vehicle);
                         let mut joins = [NO_GROUP; LANES];
                         for lane in 0..LANES {
                             joins[lane] = if age[lane] > limit[lane] {
@@ -184,8 +201,14 @@ impl BaseStation {
 
     /// Makes periods and the ages at which turns are lost from the sizes that count.
     fn announce(&mut self, present: &[usize]) {
-        let (period, members) = (self.period.as_flat_mut(), self.members.as_flat());
-        for (place, period) in period.iter_mut().enumerate() {
+        let Announcements {
+            home,
+            period,
+            turn_lost_after: limits,
+            ..
+        } = &mut self.announcements;
+        let members = self.members.as_flat();
+        for (place, period) in period.as_flat_mut().iter_mut().enumerate() {
             let past = self.past.iter().map(|(_, sizes)| sizes.as_flat()[place]);
             let most = past.fold(members[place], u16::max);
             *period = u8::try_from(most)
@@ -194,18 +217,20 @@ impl BaseStation {
                 .map_or(0, Period::slots);
         }
         for &vehicle in present {
-            for block in 0..self.home.blocks() {
-                let home: Row<u8> = *self.home.row(block, vehicle);
+            for block in 0..home.blocks() {
+                let home: Row<u8> = *home.row(block, vehicle);
                 for (lane, group) in home.into_iter().enumerate() {
                     let period = (group != NO_GROUP)
-                        .then(|| self.period.row(block, usize::from(group))[lane])
+                        .then(|| period.row(block, usize::from(group))[lane])
                         .and_then(Period::new);
-                    self.turn_lost_after.row_mut(block, vehicle)[lane] = period.map_or(0, turn_lost_after);
+                    limits.row_mut(block, vehicle)[lane] = period.map_or(0, turn_lost_after);
                 }
             }
         }
     }
+}
 
+impl Announcements {
     /// The group of every vehicle, 255 for an absent one. `[vehicle][world]`.
     pub fn homes(&self) -> &Rows<u8> {
         &self.home
@@ -232,7 +257,7 @@ impl BaseStation {
     pub fn broadcast(&self, world: usize, vehicle: usize) -> Option<Broadcast> {
         let home = self.home.get(world, vehicle);
         let group = usize::from(home);
-        if group >= self.groups() || self.groups() != SUB_CHANNELS {
+        if group >= self.groups || self.groups != SUB_CHANNELS {
             return None;
         }
         Some(Broadcast {
@@ -256,21 +281,24 @@ mod tests {
         BaseStation::new(&scenario, WORLDS, vehicles, SUB_CHANNELS)
     }
 
-    fn gains(vehicles: usize) -> Rows<f32> {
-        let mut gains = Rows::new(WORLDS, vehicles, 0.0);
-        (0..vehicles).for_each(|vehicle| gains.fill(vehicle, vehicle as f32));
-        gains
+    /// The same arrivals and departures in every world; gains grow with the vehicles' numbers.
+    fn update(station: &mut BaseStation, arrivals: &[usize], departures: &[usize]) {
+        let mut gains = Rows::new(WORLDS, 20, 0.0);
+        (0..20).for_each(|vehicle| gains.fill(vehicle, vehicle as f32));
+        for world in 0..WORLDS {
+            station.update(world, &mut arrivals.to_vec(), departures, &gains);
+        }
     }
 
     fn heard(station: &BaseStation, vehicle: usize) -> Broadcast {
-        station.broadcast(WORLDS - 1, vehicle).unwrap()
+        station.announcements().broadcast(WORLDS - 1, vehicle).unwrap()
     }
 
     #[test]
     fn groups_are_even_and_spread_weak_vehicles() {
         let mut station = station(20);
-        let mut all: Vec<_> = (0..20).collect();
-        station.update(WORLDS, &mut all, &[], &gains(20));
+        let all: Vec<_> = (0..20).collect();
+        update(&mut station, &all, &[]);
         station.prepare(Vectors::widest(), &all, &Rows::new(WORLDS, 20, 100));
         let homes: Vec<_> = (0..20).map(|v| heard(&station, v).home.index()).collect();
         assert_eq!(homes[..6], [0, 1, 2, 0, 1, 2]);
@@ -284,29 +312,29 @@ mod tests {
     fn growth_is_told_at_once_and_shrinking_after_its_delay() {
         let mut station = station(7);
         let ages = Rows::new(WORLDS, 7, 1);
-        let (gains, plain) = (gains(7), Vectors::plain());
+        let plain = Vectors::plain();
         let present: Vec<_> = (0..6).collect();
-        station.update(WORLDS, &mut present.clone(), &[], &gains);
+        update(&mut station, &present, &[]);
         station.prepare(plain, &present, &ages);
         assert_eq!(heard(&station, 0).period.slots(), 2);
-        station.update(WORLDS, &mut [6], &[], &gains);
+        update(&mut station, &[6], &[]);
         station.prepare(plain, &[0, 1, 2, 3, 4, 5, 6], &ages);
         assert_eq!(heard(&station, 0).period.slots(), 3);
-        station.update(WORLDS, &mut [], &[6], &gains);
+        update(&mut station, &[], &[6]);
         for _ in 0..100 {
             station.prepare(plain, &present, &ages);
             assert_eq!(heard(&station, 0).period.slots(), 3);
         }
         station.prepare(plain, &present, &ages);
         assert_eq!(heard(&station, 0).period.slots(), 2);
-        assert_eq!(station.broadcast(WORLDS - 1, 6), None);
+        assert_eq!(station.announcements().broadcast(WORLDS - 1, 6), None);
     }
 
     #[test]
     fn joiner_counts_arrive_with_their_delay() {
         let mut station = station(6);
         let all: Vec<_> = (0..6).collect();
-        station.update(WORLDS, &mut all.clone(), &[], &gains(6));
+        update(&mut station, &all, &[]);
         let ages = Rows::new(WORLDS, 6, 1);
         for _ in 0..5 {
             station.prepare(Vectors::widest(), &all, &ages);

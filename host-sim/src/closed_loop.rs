@@ -8,9 +8,8 @@
 
 use crate::age::{AgeSummary, WorldAges};
 use crate::capacity::TrafficState;
-use crate::cell::Cell;
 use crate::environment::Environment;
-use crate::policy::PolicyName;
+use crate::policy::Kind;
 use crate::roads::Roads;
 use crate::scenario::PlanningScenario;
 use crate::simulation::{Simulation, run_worlds};
@@ -39,7 +38,7 @@ pub struct Plan {
 #[derive(Clone, Debug)]
 pub struct LoopResult {
     /// The policy; `None` is full knowledge, which plans on the truth.
-    pub policy: Option<PolicyName>,
+    pub policy: Option<&'static Kind>,
     /// Its ages; `None` for full knowledge.
     pub ages: Option<AgeSummary>,
     /// Means over worlds and plans.
@@ -153,10 +152,10 @@ struct WorldLoop {
 ///
 /// # Errors
 /// [`Error::Input`] for vehicles of a trace, a run without a plan, and what
-/// [`PolicyName::check`] refuses.
+/// [`Kind::check`] refuses.
 pub fn closed_loop(
     simulation: &Simulation<'_>,
-    policies: &[PolicyName],
+    policies: &[&'static Kind],
     table: &Table<'_>,
     finished: impl Fn() + Sync,
 ) -> Result<LoopSummary> {
@@ -194,7 +193,7 @@ pub fn closed_loop(
 fn run_loop(
     simulation: &Simulation<'_>,
     roads: &Roads<'_>,
-    policies: &[PolicyName],
+    policies: &[&'static Kind],
     table: &Table<'_>,
     plan_slots: &[u32],
     key: &WorldKey,
@@ -228,7 +227,7 @@ fn run_loop(
             key.purpose,
             key.world..key.world + 1,
         );
-        let mut decider = policy.build(&environment, table);
+        let mut decider = (policy.build)(&environment.setup(), table);
         let mut belief = Belief {
             factors: vec![1.0; blocks],
             reported: vec![0; blocks],
@@ -236,15 +235,15 @@ fn run_loop(
         let mut beliefs = Vec::new();
         let mut ages = run_worlds(
             &mut environment,
-            decider.as_mut(),
+            &mut decider,
             &simulation.extent,
             |environment| {
-                hear(&environment.cell(0), &street, &mut belief);
+                hear(environment, &street, &mut belief);
                 if plan_slots.binary_search(&environment.elapsed()).is_ok() {
                     beliefs.push(belief.clone());
                 }
             },
-        );
+        )?;
         let plans = plan_slots
             .iter()
             .zip(&beliefs)
@@ -267,13 +266,14 @@ fn run_loop(
 }
 
 /// Takes in the reports of the slot before.
-fn hear(cell: &Cell<'_>, street: &Street<'_>, belief: &mut Belief) {
-    let sent = cell.elapsed() - 1;
-    for (vehicle, place) in cell.places() {
-        if !cell.received(*vehicle) {
+fn hear(environment: &Environment<'_>, street: &Street<'_>, belief: &mut Belief) {
+    let sent = environment.elapsed() - 1;
+    for (vehicle, place) in environment.places(0) {
+        if !environment.received(0, *vehicle) {
             continue;
         }
-        if let Some(block) = street.roads.block_of(cell.mobility(), *vehicle, place) {
+        let road = environment.mobility(0).road(*vehicle);
+        if let Some(block) = road.and_then(|road| street.roads.block_of(road, place)) {
             belief.factors[block] = street.factor(block, sent);
             belief.reported[block] = sent;
         }
@@ -323,7 +323,7 @@ fn mean_plan<'p>(plans: impl Iterator<Item = &'p Plan> + Clone) -> Plan {
     }
 }
 
-fn summary(policies: &[PolicyName], plan_slots: Vec<u32>, worlds: &[WorldLoop]) -> LoopSummary {
+fn summary(policies: &[&'static Kind], plan_slots: Vec<u32>, worlds: &[WorldLoop]) -> LoopSummary {
     let over_time = |plans: &[&[Plan]]| -> Vec<Plan> {
         (0..plan_slots.len())
             .map(|n| mean_plan(plans.iter().map(|plans| &plans[n])))

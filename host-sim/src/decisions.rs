@@ -1,6 +1,6 @@
 //! What all vehicles of a batch of worlds do in one slot.
 
-use crate::lanes::{Row, Rows};
+use crate::lanes::{LANES, Row, Rows};
 use firmware::decision::Decision;
 use firmware::units::{Dbm, SubChannel};
 
@@ -38,12 +38,7 @@ impl Decisions {
 
     /// A vehicle does what its unit says.
     pub fn set(&mut self, world: usize, vehicle: usize, decision: Decision) {
-        match decision {
-            Decision::Silent => self.sub_channel.set(world, vehicle, SILENT),
-            Decision::Transmit { sub_channel, power } => {
-                self.transmit(world, vehicle, sub_channel.index(), power);
-            }
-        }
+        self.of(world / LANES, vehicle).set(world % LANES, decision);
     }
 
     /// A vehicle's sub-channel and power, if it sends.
@@ -72,12 +67,45 @@ impl Decisions {
         )
     }
 
-    /// The same, to be written.
+    /// What a vehicle does in one block of worlds, to be decided.
     #[inline(always)]
-    pub(crate) fn rows_mut(&mut self, block: usize, vehicle: usize) -> (&mut Row<u8>, &mut Row<i16>) {
-        (
-            self.sub_channel.row_mut(block, vehicle),
-            self.power.row_mut(block, vehicle),
-        )
+    pub fn of(&mut self, block: usize, vehicle: usize) -> VehicleDecisions<'_> {
+        VehicleDecisions {
+            sub_channel: self.sub_channel.row_mut(block, vehicle),
+            power: self.power.row_mut(block, vehicle),
+        }
+    }
+
+    /// Takes over other decisions, and silences whoever is not present: `here` is 1 where a vehicle is, `[vehicle][world]`.
+    pub(crate) fn copy_present(&mut self, decisions: &Self, here: &Rows<u8>) {
+        self.power
+            .as_flat_mut()
+            .copy_from_slice(decisions.power.as_flat());
+        let chosen = decisions.sub_channel.as_flat().iter().zip(here.as_flat());
+        for (own, (&chosen, &here)) in self.sub_channel.as_flat_mut().iter_mut().zip(chosen) {
+            *own = if here > 0 { chosen } else { SILENT };
+        }
+    }
+}
+
+/// What one vehicle does in a row of worlds.
+#[derive(Debug)]
+pub struct VehicleDecisions<'d> {
+    /// [`SILENT`], or the sub-channel, by world.
+    pub sub_channel: &'d mut Row<u8>,
+    /// In 1/256 dBm, by world; means nothing for the silent.
+    pub power: &'d mut Row<i16>,
+}
+
+impl VehicleDecisions<'_> {
+    /// Does what a unit says in a world of the row.
+    pub fn set(&mut self, lane: usize, decision: Decision) {
+        match decision {
+            Decision::Silent => self.sub_channel[lane] = SILENT,
+            Decision::Transmit { sub_channel, power } => {
+                self.sub_channel[lane] = sub_channel.index() as u8;
+                self.power[lane] = power.to_bits();
+            }
+        }
     }
 }

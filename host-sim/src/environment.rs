@@ -3,21 +3,25 @@
 //!
 //! # Layout
 //! Arrays are `[vehicle][world]`, those over sub-channels `[vehicle][sub_channel][world]`, and contiguous; worlds are padded to
-//! whole rows of [`crate::lanes::LANES`]. Which vehicles are present is the same in every world. A world's bytes follow from its
-//! key alone: they do not depend on the batch, the lane or the thread that it is run in.
+//! whole rows of [`crate::lanes::LANES`]. A world's bytes follow from its key alone: they do not depend on the batch, the lane or
+//! the thread that it is run in.
 
 use crate::base_station::BaseStation;
-use crate::cell::Cell;
 use crate::channel::Channel;
 use crate::churn::Churn;
 use crate::decisions::Decisions;
 use crate::lanes::{LANES, Rows, Vectors};
 use crate::mobility::{Mobility, MobilitySource, Place};
+use crate::policy::{Decider, Setup};
+use crate::presence::Presence;
 use crate::radio::Radio;
 use crate::scenario::Scenario;
+use crate::senses::{AllSenses, Broadcasts, Perfect, Readings, Senses, Sensing};
 use crate::stream::{Purpose, WorldKey};
+use crate::truth::{Knowledge, Truth};
 use firmware::measurement::{Broadcast, Measurement};
-use firmware::units::{Age, Level, SUB_CHANNELS, SlotIndex};
+use firmware::units::{Age, SlotIndex};
+use kit::error::{Error, Result};
 use std::ops::Range;
 
 /// Index of a world's first slot: every start age then has a slot in which the vehicle was last received.
@@ -26,16 +30,18 @@ const FIRST_SLOT: u32 = Age::MAX.slots() as u32;
 /// Worlds of one scenario at the beginning of a slot, before anybody decides.
 pub struct Environment<'s> {
     scenario: &'s Scenario,
-    source: &'s MobilitySource,
+    source: &'s dyn MobilitySource,
     vectors: Vectors,
     /// How many vehicles there is room for.
     vehicles: usize,
     /// By world.
     keys: Vec<WorldKey>,
-    mobility: Vec<Mobility<'s>>,
+    mobility: Vec<Box<dyn Mobility + 's>>,
+    /// Why vehicles do not move any more.
+    failure: Option<Error>,
     /// Of the present vehicles, by world.
     places: Vec<Vec<(usize, Place)>>,
-    present: Vec<usize>,
+    presence: Presence,
     arrivals: Vec<usize>,
     departures: Vec<usize>,
     /// By world; none where nobody is replaced.
@@ -44,8 +50,11 @@ pub struct Environment<'s> {
     channel: Channel<'s>,
     radio: Radio,
     base_station: BaseStation,
+    sensing: Box<dyn Sensing>,
     /// In slots, `[vehicle][world]`.
     ages: Rows<u8>,
+    /// The decisions of those who are present, where worlds have different vehicles.
+    present_decisions: Option<Decisions>,
     slot: u32,
 }
 
@@ -53,7 +62,7 @@ impl<'s> Environment<'s> {
     /// The worlds with these indices before their first slot. Every vehicle starts at the largest age.
     pub fn new(
         scenario: &'s Scenario,
-        source: &'s MobilitySource,
+        source: &'s dyn MobilitySource,
         seed: u64,
         purpose: Purpose,
         worlds: Range<u64>,
@@ -65,7 +74,7 @@ impl<'s> Environment<'s> {
     /// [`Environment::join`]. As long as none does, the bytes are the same.
     pub fn with_room(
         scenario: &'s Scenario,
-        source: &'s MobilitySource,
+        source: &'s dyn MobilitySource,
         seed: u64,
         purpose: Purpose,
         worlds: Range<u64>,
@@ -74,17 +83,16 @@ impl<'s> Environment<'s> {
         let keys: Vec<WorldKey> = worlds.map(|world| WorldKey { seed, purpose, world }).collect();
         let (count, vehicles) = (keys.len(), vehicles.max(source.vehicles(scenario)));
         let sub_channels = scenario.radio.sub_channels as usize;
+        let differs = source.worlds_differ();
         let mut environment = Self {
             scenario,
             source,
             vectors: Vectors::widest(),
             vehicles,
-            mobility: keys
-                .iter()
-                .map(|key| Mobility::new(source, scenario, key))
-                .collect(),
+            mobility: keys.iter().map(|key| source.open(scenario, key)).collect(),
+            failure: None,
             places: vec![Vec::new(); count],
-            present: Vec::new(),
+            presence: Presence::new(count, vehicles, differs),
             arrivals: Vec::new(),
             departures: Vec::new(),
             churn: keys
@@ -95,7 +103,9 @@ impl<'s> Environment<'s> {
             channel: Channel::new(scenario, vehicles, &keys),
             radio: Radio::new(&scenario.radio, count, vehicles),
             base_station: BaseStation::new(&scenario.broadcast, count, vehicles, sub_channels),
+            sensing: Box::new(Perfect),
             ages: Rows::new(count, vehicles, Age::MAX.slots()),
+            present_decisions: differs.then(|| Decisions::new(count, vehicles)),
             keys,
             slot: FIRST_SLOT,
         };
@@ -103,7 +113,7 @@ impl<'s> Environment<'s> {
         environment
     }
 
-    /// Goes on with other worlds of the same seed and purpose, before their first slot.
+    /// Goes on with other worlds of the same seed and purpose, before their first slot, whose units sense the truth.
     pub fn reset(&mut self, worlds: Range<u64>) {
         let Some(&WorldKey { seed, purpose, .. }) = self.keys.first() else {
             return;
@@ -116,6 +126,12 @@ impl<'s> Environment<'s> {
     /// Goes on with another vector unit. The bytes are the same.
     pub fn set_vectors(&mut self, vectors: Vectors) {
         self.vectors = vectors;
+    }
+
+    /// Lets something come between the truth and all units, from this slot on.
+    pub fn set_sensing(&mut self, sensing: Box<dyn Sensing>) {
+        self.sensing = sensing;
+        self.begin_sensing();
     }
 
     /// The vector unit that does the work.
@@ -138,15 +154,33 @@ impl<'s> Environment<'s> {
         self.keys.len()
     }
 
-    /// A vehicle joins every world on the lane of the grid nearest to a place in metres. It is present from the next update
-    /// of places on. `None` if there is no room, or no grid.
+    /// A vehicle joins every world near a place in metres. It is present from the next update of places on. `None` if there is no
+    /// room, or the vehicles' source takes none.
     pub fn join(&mut self, x_m: f64, y_m: f64) -> Option<usize> {
         let room = self.vehicles;
-        let joined = self.mobility.iter_mut().map(|mobility| match mobility {
-            Mobility::Grid(grid) if grid.vehicles() < room => Some(grid.join(x_m, y_m)),
-            _ => None,
-        });
+        let joined = self
+            .mobility
+            .iter_mut()
+            .map(|mobility| mobility.join(x_m, y_m, room));
         joined.last().flatten()
+    }
+
+    /// Tells a vehicle of one world to drive these links of its source's roads.
+    ///
+    /// # Errors
+    /// As [`Mobility::take_route`].
+    pub fn tell_route(&mut self, world: usize, vehicle: usize, links: &[u32]) -> Result<()> {
+        self.mobility[world].take_route(vehicle, links)
+    }
+
+    /// Why vehicles stand still since some update of their places, if their source failed.
+    pub fn failure(&self) -> Option<&Error> {
+        self.failure.as_ref()
+    }
+
+    /// [`Environment::failure`], to be handed on.
+    pub fn take_failure(&mut self) -> Option<Error> {
+        self.failure.take()
     }
 
     /// How many vehicles there is room for, at least all that ever appear in a world; their indices are below.
@@ -154,22 +188,19 @@ impl<'s> Environment<'s> {
         self.vehicles
     }
 
-    /// The most vehicles at once.
-    pub fn most_vehicles(&self) -> usize {
-        match self.source {
-            MobilitySource::Grid | MobilitySource::Streets(_) => self.vehicles,
-            MobilitySource::Trace(_) => self.source.most_vehicles(self.scenario),
-        }
-    }
-
     /// How many sub-channels the cell has.
     pub fn sub_channels(&self) -> usize {
         self.scenario.radio.sub_channels as usize
     }
 
-    /// The present vehicles, ascending: the same in every world.
+    /// Who is present where.
+    pub fn presence(&self) -> &Presence {
+        &self.presence
+    }
+
+    /// The vehicles that are present in some world, ascending ([`Presence::vehicles`]).
     pub fn present(&self) -> &[usize] {
-        &self.present
+        self.presence.vehicles()
     }
 
     /// The slot's index as units count it.
@@ -182,24 +213,9 @@ impl<'s> Environment<'s> {
         self.slot - FIRST_SLOT
     }
 
-    /// One world.
-    pub fn cell(&self, world: usize) -> Cell<'_> {
-        Cell::new(self, world)
-    }
-
     /// Ages of information at the beginning of the slot, in slots: `[vehicle][world]`.
     pub fn ages(&self) -> &Rows<u8> {
         &self.ages
-    }
-
-    /// True gains in dB over noise at full power, `[vehicle][sub_channel][world]`.
-    pub fn gains_db(&self) -> &Rows<f32> {
-        self.channel.gain_db()
-    }
-
-    /// Noise plus others' power in the slot before, in dB over noise: `[vehicle][sub_channel][world]`.
-    pub fn interferences_db(&self) -> &Rows<f32> {
-        self.radio.interference_db()
     }
 
     /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.
@@ -210,11 +226,6 @@ impl<'s> Environment<'s> {
     /// How many vehicles were received in the slot before, in every world: one item.
     pub fn successes(&self) -> &Rows<u16> {
         self.radio.successes()
-    }
-
-    /// Groups and broadcasts.
-    pub fn base_station(&self) -> &BaseStation {
-        &self.base_station
     }
 
     /// A vehicle's age of information at the beginning of the slot.
@@ -239,54 +250,106 @@ impl<'s> Environment<'s> {
         self.radio.interference_db().get(world, item)
     }
 
-    /// What a present vehicle hears from the base station; `None` if that cannot serve the vehicle's group.
-    pub fn broadcast(&self, world: usize, vehicle: usize) -> Option<Broadcast> {
-        self.base_station.broadcast(world, vehicle)
-    }
-
-    /// What a present vehicle's modem measures; `None` as [`Environment::broadcast`].
-    ///
-    /// Gains are rounded down to the units' 1/256 dB, so that a vehicle never believes to be heard where it is not.
-    pub fn measurement(&self, world: usize, vehicle: usize) -> Option<Measurement> {
-        let broadcast = self.broadcast(world, vehicle)?;
-        let first = vehicle * SUB_CHANNELS;
-        let levels = |values: &Rows<f32>| -> [Level; SUB_CHANNELS] {
-            std::array::from_fn(|sub_channel| level(values.get(world, first + sub_channel)))
-        };
-        let (gain, interference) = (levels(self.gains_db()), levels(self.interferences_db()));
-        let age = self.age(world, vehicle);
-        let last_acknowledged = (age < Age::MAX).then(|| SlotIndex(self.slot - u32::from(age.slots())));
-        Measurement::new(self.slot(), gain, interference, last_acknowledged, broadcast).ok()
-    }
-
     /// Whether a vehicle was received in the slot before.
     pub fn received(&self, world: usize, vehicle: usize) -> bool {
         self.radio.received().get(world, vehicle) > 0
     }
 
-    /// Where the present vehicles are, in the order of [`Environment::present`].
+    /// Where the present vehicles are, by ascending vehicle.
     pub fn places(&self, world: usize) -> &[(usize, Place)] {
         &self.places[world]
     }
 
     /// How vehicles move.
-    pub fn mobility(&self, world: usize) -> &Mobility<'s> {
-        &self.mobility[world]
+    pub fn mobility(&self, world: usize) -> &(dyn Mobility + 's) {
+        self.mobility[world].as_ref()
+    }
+
+    /// What a vehicle senses in a row of worlds.
+    #[inline(always)]
+    pub fn senses(&self, block: usize, vehicle: usize) -> Senses<'_> {
+        self.all_senses().of(block, vehicle)
+    }
+
+    /// What everybody in a row of worlds can hear.
+    pub fn broadcasts(&self, block: usize) -> Broadcasts<'_> {
+        self.all_senses().broadcasts(block)
+    }
+
+    /// What a present vehicle hears from the base station: [`Senses::broadcast`].
+    pub fn broadcast(&self, world: usize, vehicle: usize) -> Option<Broadcast> {
+        self.senses(world / LANES, vehicle).broadcast(world % LANES)
+    }
+
+    /// What a present vehicle's modem measures: [`Senses::measurement`].
+    pub fn measurement(&self, world: usize, vehicle: usize) -> Option<Measurement> {
+        self.senses(world / LANES, vehicle).measurement(world % LANES)
+    }
+
+    /// What a decider is made for.
+    pub fn setup(&self) -> Setup<'_> {
+        let most_vehicles = self.source.most_vehicles(self.scenario);
+        Setup::new(
+            self.scenario,
+            &self.keys,
+            self.vehicles,
+            most_vehicles.max(self.room_to_join()),
+        )
+    }
+
+    /// How many vehicles may be present if others [`Environment::join`].
+    fn room_to_join(&self) -> usize {
+        let comes = self.source.vehicles(self.scenario);
+        if self.vehicles > comes { self.vehicles } else { 0 }
+    }
+
+    /// Lets somebody decide for everybody, from what they may know. `decisions` are all silent beforehand.
+    pub fn decide(&self, decider: &mut Decider<'_>, decisions: &mut Decisions) {
+        match decider {
+            Decider::Policy(policy) => {
+                let senses = self.all_senses();
+                for block in 0..self.ages.blocks() {
+                    policy.hear(&senses.broadcasts(block));
+                    for &vehicle in self.presence.vehicles() {
+                        policy.decide(&senses.of(block, vehicle), &mut decisions.of(block, vehicle));
+                    }
+                }
+            }
+            Decider::Scheduler(scheduler) => scheduler.decide(&self.knowledge(), decisions),
+            Decider::Oracle(oracle) => oracle.decide(
+                &Truth {
+                    known: self.knowledge(),
+                    gains_db: self.channel.gain_db(),
+                },
+                decisions,
+            ),
+        }
     }
 
     /// Carries out the slot's decisions in all worlds and begins the next slot.
     pub fn step(&mut self, decisions: &Decisions) {
-        for &vehicle in &self.departures {
-            self.radio.leave(vehicle);
+        let decisions = match (&mut self.present_decisions, self.presence.rows()) {
+            (Some(present), Some(here)) => {
+                present.copy_present(decisions, here);
+                present
+            }
+            _ => decisions,
+        };
+        if self.presence.rows().is_none() {
+            // Nobody asks the radio about who is not in the list.
+            self.departures
+                .iter()
+                .for_each(|&vehicle| self.radio.leave(vehicle));
         }
+        let present = self.presence.vehicles();
         self.radio
-            .evaluate(self.vectors, &self.present, decisions, self.channel.gain_db());
+            .evaluate(self.vectors, present, decisions, self.channel.gain_db());
         let (ages, received) = (&mut self.ages, self.radio.received());
         for block in 0..ages.blocks() {
             self.vectors.run(
                 #[inline(always)]
                 || {
-                    for &vehicle in &self.present {
+                    for &vehicle in present {
                         let received = received.row(block, vehicle);
                         let ages = ages.row_mut(block, vehicle);
                         for lane in 0..LANES {
@@ -317,7 +380,41 @@ impl<'s> Environment<'s> {
         churn.map_or_else(Vec::new, |churn| churn.waits(first, self.elapsed()).collect())
     }
 
-    /// Moves vehicles where it is time, draws the slot's fading and prepares the broadcasts.
+    fn true_readings(&self) -> Readings<'_> {
+        Readings {
+            gains_db: self.channel.gain_db(),
+            interferences_db: self.radio.interference_db(),
+            ages: &self.ages,
+            announcements: self.base_station.announcements(),
+        }
+    }
+
+    #[inline(always)]
+    fn all_senses(&self) -> AllSenses<'_> {
+        AllSenses {
+            slot: self.slot(),
+            vectors: self.vectors,
+            worlds: self.worlds(),
+            sub_channels: self.sub_channels(),
+            presence: &self.presence,
+            readings: self.sensing.readings(self.true_readings()),
+        }
+    }
+
+    fn knowledge(&self) -> Knowledge<'_> {
+        Knowledge {
+            elapsed: self.elapsed(),
+            worlds: self.worlds(),
+            sub_channels: self.sub_channels(),
+            presence: &self.presence,
+            ages: &self.ages,
+            receptions: self.radio.received(),
+            announcements: self.base_station.announcements(),
+            vectors: self.vectors,
+        }
+    }
+
+    /// Moves vehicles where it is time, draws the slot's fading, prepares the broadcasts and lets the units sense.
     fn begin_slot(&mut self) {
         if self
             .elapsed()
@@ -328,8 +425,20 @@ impl<'s> Environment<'s> {
         if self.elapsed() > 0 {
             self.replace_vehicles();
         }
-        self.channel.fade(self.vectors, &self.present);
-        self.base_station.prepare(self.vectors, &self.present, &self.ages);
+        let present = self.presence.vehicles();
+        self.channel.fade(self.vectors, present);
+        self.base_station.prepare(self.vectors, present, &self.ages);
+        self.begin_sensing();
+    }
+
+    fn begin_sensing(&mut self) {
+        let truth = Readings {
+            gains_db: self.channel.gain_db(),
+            interferences_db: self.radio.interference_db(),
+            ages: &self.ages,
+            announcements: self.base_station.announcements(),
+        };
+        self.sensing.begin_slot(SlotIndex(self.slot), &truth);
     }
 
     /// Lets vehicles leave, and others take their indices. A unit decides by its measurement alone as long as it has one in every
@@ -337,7 +446,7 @@ impl<'s> Environment<'s> {
     fn replace_vehicles(&mut self) {
         let slot = self.elapsed();
         for (world, churn) in self.churn.iter_mut().enumerate() {
-            churn.draw(&self.present, slot, &mut self.replaced);
+            churn.draw(self.presence.vehicles(), slot, &mut self.replaced);
             for &vehicle in &self.replaced {
                 let Some(place) = self.mobility[world].replace(vehicle) else {
                     continue;
@@ -348,60 +457,55 @@ impl<'s> Environment<'s> {
                 }
                 self.channel.replace(world, vehicle, place);
                 self.base_station.replace(world, vehicle);
-                self.radio.arrive_in(world, vehicle);
+                self.radio.arrive(world, vehicle);
                 self.ages.set(world, vehicle, Age::MAX.slots());
             }
         }
     }
 
     fn move_vehicles(&mut self) {
+        if self.failure.is_some() {
+            return;
+        }
         let elapsed = self.elapsed();
         for (world, (mobility, places)) in self.mobility.iter_mut().zip(&mut self.places).enumerate() {
-            mobility.advance(elapsed, places);
+            if let Err(error) = mobility.advance(elapsed, places) {
+                self.failure = Some(error);
+                return;
+            }
             self.channel.move_to(world, places);
         }
-        self.find_arrivals_and_departures();
-        for &vehicle in &self.arrivals {
-            self.ages.fill(vehicle, Age::MAX.slots());
-            self.radio.arrive(vehicle);
+        let worlds = self.worlds();
+        if self.presence.rows().is_some() {
+            for world in 0..worlds {
+                self.let_in_and_out(world, world..world + 1);
+            }
+        } else if worlds > 0 {
+            self.let_in_and_out(0, 0..worlds);
         }
-        self.base_station.update(
-            self.keys.len(),
-            &mut self.arrivals,
-            &self.departures,
-            self.channel.large_scale_db(),
-        );
     }
 
-    /// Compares the present vehicles with the new places; both are ascending.
-    fn find_arrivals_and_departures(&mut self) {
-        let places = self.places.first().map_or(&[][..], Vec::as_slice);
-        let now = |vehicle: &usize| places.binary_search_by_key(vehicle, |&(v, _)| v).is_ok();
-        self.departures.clear();
-        self.departures
-            .extend(self.present.iter().copied().filter(|vehicle| !now(vehicle)));
-        self.arrivals.clear();
-        let before = |vehicle: usize| self.present.binary_search(&vehicle).is_ok();
-        self.arrivals.extend(
-            places
-                .iter()
-                .map(|&(vehicle, _)| vehicle)
-                .filter(|&vehicle| !before(vehicle)),
-        );
-        self.present.clear();
-        self.present.extend(places.iter().map(|&(vehicle, _)| vehicle));
+    /// Welcomes the vehicles that are new at a world's places, and lets go those that are gone, in all of these worlds.
+    fn let_in_and_out(&mut self, world: usize, worlds: Range<usize>) {
+        let (arrivals, departures) = (&mut self.arrivals, &mut self.departures);
+        self.presence
+            .update(world, &self.places[world], arrivals, departures);
+        for world in worlds {
+            for &vehicle in arrivals.iter() {
+                self.ages.set(world, vehicle, Age::MAX.slots());
+                self.radio.arrive(world, vehicle);
+            }
+            let large_scale_db = self.channel.large_scale_db();
+            self.base_station
+                .update(world, arrivals, departures, large_scale_db);
+        }
     }
-}
-
-/// dB as a unit's [`Level`]: rounded down, and bounded by the receiver's range of -128 to +127.996 dB.
-fn level(db: f32) -> Level {
-    // A float-to-integer cast saturates, which is the receiver's range.
-    Level::from_bits((db * 256.0).floor() as i16)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mobility::Grid;
     use crate::scenario::ScenarioSource;
     use firmware::units::Dbm;
 
@@ -414,7 +518,7 @@ mod tests {
         .read()
         .unwrap();
         let worlds = LANES as u64 + 1;
-        let source = MobilitySource::Grid;
+        let source = Grid;
         let mut environment = Environment::new(&scenario, &source, 3, Purpose::Evaluation, 0..worlds);
         let mut decisions = Decisions::new(environment.worlds(), 2);
         let mut expected = vec![100_u8; environment.worlds()];

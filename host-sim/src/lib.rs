@@ -15,7 +15,6 @@
 pub mod age;
 pub mod base_station;
 pub mod capacity;
-pub mod cell;
 pub mod channel;
 pub mod churn;
 pub mod closed_loop;
@@ -31,14 +30,17 @@ pub mod lanes;
 pub mod mobility;
 pub mod pack;
 pub mod policy;
+pub mod presence;
 pub mod radio;
 #[cfg(not(target_family = "wasm"))]
 pub mod report;
 pub mod revision;
 pub mod roads;
 pub mod scenario;
+pub mod senses;
 pub mod simulation;
 pub mod stream;
 #[cfg(not(target_family = "wasm"))]
 pub mod sweep;
 pub mod traffic;
+pub mod truth;

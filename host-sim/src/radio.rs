@@ -57,16 +57,8 @@ impl Radio {
         &self.interference_db
     }
 
-    /// A vehicle that arrives has heard nothing.
-    pub fn arrive(&mut self, vehicle: usize) {
-        for sub_channel in 0..self.sub_channels {
-            self.interference_db
-                .fill(vehicle * self.sub_channels + sub_channel, 0.0);
-        }
-    }
-
-    /// One that arrives in a single world.
-    pub fn arrive_in(&mut self, world: usize, vehicle: usize) {
+    /// A vehicle that arrives in a world has heard nothing.
+    pub fn arrive(&mut self, world: usize, vehicle: usize) {
         for sub_channel in 0..self.sub_channels {
             self.interference_db
                 .set(world, vehicle * self.sub_channels + sub_channel, 0.0);

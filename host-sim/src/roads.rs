@@ -1,6 +1,6 @@
 //! The roads that the closed loop plans on: those of the scenario's grid, or of a loaded network.
 
-use crate::mobility::{Mobility, MobilitySource, Place, StreetMap};
+use crate::mobility::{MobilitySource, Place, Road, StreetMap};
 use crate::scenario::Scenario;
 use crate::traffic::{TrafficModel, planning_options};
 use assignment::{Assigner, Demand, Network};
@@ -35,14 +35,14 @@ impl<'s> Roads<'s> {
     ///
     /// # Errors
     /// [`Error::Input`] for a trace, whose roads are not known; what [`Assigner::assign`] refuses.
-    pub fn new(scenario: &Scenario, source: &'s MobilitySource) -> Result<Self> {
-        let place = match source {
-            MobilitySource::Grid => RoadPlace::Grid(Box::new(TrafficModel::new(scenario)?)),
-            MobilitySource::Streets(map) => RoadPlace::Streets(map),
-            MobilitySource::Trace(_) => {
+    pub fn new(scenario: &Scenario, source: &'s dyn MobilitySource) -> Result<Self> {
+        let place = match source.streets() {
+            Some(map) => RoadPlace::Streets(map),
+            None if source.is_grid() => RoadPlace::Grid(Box::new(TrafficModel::new(scenario)?)),
+            None => {
                 return Err(Error::input(
                     "--mobility",
-                    "a trace",
+                    source.describe(scenario),
                     "grid, on whose roads the trips are, or --net",
                 ));
             }
@@ -87,13 +87,11 @@ impl<'s> Roads<'s> {
         self.blocks[road]
     }
 
-    /// The block that a vehicle drives on.
-    pub fn block_of(&self, mobility: &Mobility<'_>, vehicle: usize, place: &Place) -> Option<usize> {
-        let road = match (&self.place, mobility) {
-            (RoadPlace::Grid(model), Mobility::Grid(vehicles)) => {
-                model.road(vehicles.heading(vehicle), place)?
-            }
-            (RoadPlace::Streets(_), Mobility::Streets(vehicles)) => vehicles.link(vehicle) as usize,
+    /// The block that a vehicle at a place on a road drives on.
+    pub fn block_of(&self, road: Road, place: &Place) -> Option<usize> {
+        let road = match (&self.place, road) {
+            (RoadPlace::Grid(model), Road::Street(heading)) => model.road(heading, place)?,
+            (RoadPlace::Streets(_), Road::Link(link)) => link as usize,
             _ => return None,
         };
         Some(self.block(road))

@@ -1,8 +1,8 @@
 //! What the ages of a cell do to the road: capacity error, user equilibrium, volume over capacity, travel time.
 
 use crate::capacity::{CapacityError, Planner, Staleness, TrafficState};
-use crate::cell::Cell;
-use crate::mobility::{Heading, Mobility, Place};
+use crate::environment::Environment;
+use crate::mobility::{Heading, Place, Road};
 use crate::scenario::Scenario;
 use assignment::grid::{Axis, Direction, Grid};
 use assignment::{Demand, Network, Options, assign};
@@ -107,14 +107,15 @@ impl TrafficModel {
 
     /// What the base station knows of each road: the age of the freshest vehicle that drives on it, the largest age if
     /// there is none. `None` for vehicles that are not on the scenario's grid.
-    pub fn road_ages(&self, cell: &Cell<'_>) -> Option<RoadAges> {
-        let Mobility::Grid(vehicles) = cell.mobility() else {
-            return None;
-        };
+    pub fn road_ages(&self, environment: &Environment<'_>, world: usize) -> Option<RoadAges> {
+        let mobility = environment.mobility(world);
         let mut ages = vec![self.error.max_age; self.grid.roads()];
-        for (vehicle, place) in cell.places() {
-            if let Some(road) = self.road(vehicles.heading(*vehicle), place) {
-                ages[road] = ages[road].min(f64::from(cell.age(*vehicle).slots()));
+        for (vehicle, place) in environment.places(world) {
+            let Some(Road::Street(heading)) = mobility.road(*vehicle) else {
+                return None;
+            };
+            if let Some(road) = self.road(heading, place) {
+                ages[road] = ages[road].min(f64::from(environment.age(world, *vehicle).slots()));
             }
         }
         Some(ages)

@@ -3,7 +3,7 @@
 
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::stream::Purpose;
 
@@ -19,7 +19,7 @@ fn scenario(settings: &[&str]) -> Scenario {
 
 /// Gains of every vehicle and sub-channel in the first slot of many worlds, `[world * vehicle][sub-channel]`.
 fn first_gains(scenario: &Scenario, worlds: u64) -> Vec<[f32; 3]> {
-    let source = MobilitySource::Grid;
+    let source = Grid;
     let environment = Environment::new(scenario, &source, 99, Purpose::Evaluation, 0..worlds);
     let of_world = |world| {
         let gain_db = |vehicle| std::array::from_fn(|n| environment.gain_db(world, vehicle, n));
@@ -76,7 +76,7 @@ fn fading_power_is_exponential_to_its_tails_and_new_in_every_slot() {
     let radio = &scenario.radio;
     let mean_db =
         radio.budget_db() - radio.path_loss_intercept_db - 21.0 * libm::log10(radio.carrier_ghz / 2.0);
-    let source = MobilitySource::Grid;
+    let source = Grid;
     let mut environment = Environment::new(&scenario, &source, 11, Purpose::Evaluation, 0..1000);
     let silent = Decisions::new(environment.worlds(), environment.vehicles());
     let mut slots: Vec<Vec<f64>> = Vec::new();
@@ -152,7 +152,7 @@ fn shadowing_decorrelates_over_its_distance() {
         "radio.shadowing_decorrelation_m=0.05",
     ]);
     // One slot an update: 0.01 m a slot, so the distance of 0.05 m is 5 slots.
-    let source = MobilitySource::Grid;
+    let source = Grid;
     let mut cell = Environment::new(&scenario, &source, 4, Purpose::Evaluation, 0..1);
     let silent = Decisions::new(1, cell.vehicles());
     let mut history: Vec<Vec<f64>> = Vec::new();

@@ -4,12 +4,12 @@
 use firmware::table::Table;
 use host_sim::closed_loop::{LoopSummary, closed_loop};
 use host_sim::command::options::thread_pool;
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::mobility::Grid;
+use host_sim::policy::{Kind, actor, aloha, always, clock};
 use host_sim::scenario::ScenarioSource;
 use host_sim::simulation::{Extent, Simulation};
 
-fn run(settings: &[&str], policies: &[PolicyName], threads: u16) -> kit::error::Result<LoopSummary> {
+fn run(settings: &[&str], policies: &[&'static Kind], threads: u16) -> kit::error::Result<LoopSummary> {
     let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
     let scenario = ScenarioSource {
         settings,
@@ -26,7 +26,7 @@ fn run(settings: &[&str], policies: &[PolicyName], threads: u16) -> kit::error::
     };
     let simulation = Simulation {
         scenario: &scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent,
     };
     thread_pool(Some(threads))
@@ -36,7 +36,7 @@ fn run(settings: &[&str], policies: &[PolicyName], threads: u16) -> kit::error::
 
 #[test]
 fn staler_knowledge_costs_more_and_full_knowledge_nothing() {
-    let policies = [PolicyName::Actor, PolicyName::Always];
+    let policies = [&actor::KIND, &always::KIND];
     let summary = run(&[], &policies, 2).unwrap();
     assert_eq!(
         summary.plan_slots,
@@ -55,13 +55,13 @@ fn staler_knowledge_costs_more_and_full_knowledge_nothing() {
 
 #[test]
 fn threads_do_not_matter() {
-    let text = |threads| format!("{:?}", run(&[], &[PolicyName::Clock], threads).unwrap());
+    let text = |threads| format!("{:?}", run(&[], &[&clock::KIND], threads).unwrap());
     assert_eq!(text(1), text(2));
 }
 
 #[test]
 fn without_incidents_nothing_is_lost() {
-    let summary = run(&["planning.incident_capacity_loss=0"], &[PolicyName::Aloha], 2).unwrap();
+    let summary = run(&["planning.incident_capacity_loss=0"], &[&aloha::KIND], 2).unwrap();
     let mean = summary.results[0].mean;
     assert_eq!(
         (mean.capacity_error_veh_per_h, mean.regret_s_per_trip),
@@ -73,7 +73,7 @@ fn without_incidents_nothing_is_lost() {
 
 #[test]
 fn a_run_without_a_plan_is_refused() {
-    let message = run(&["planning.period_slots=5000"], &[PolicyName::Clock], 1)
+    let message = run(&["planning.period_slots=5000"], &[&clock::KIND], 1)
         .unwrap_err()
         .to_string();
     assert_eq!(

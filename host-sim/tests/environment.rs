@@ -11,8 +11,8 @@ use firmware::unit::{Event, Unit};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Vectors};
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::{PolicyName, actor};
+use host_sim::mobility::Grid;
+use host_sim::policy::{Decider, KINDS, Kind, actor, aloha, central, random};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::run_slot;
 use host_sim::stream::{Purpose, Role};
@@ -21,7 +21,7 @@ use std::cell::Cell;
 use std::ops::Range;
 use table_builder::Contents;
 
-static SOURCE: MobilitySource = MobilitySource::Grid;
+static SOURCE: Grid = Grid;
 
 fn scenario(settings: &[&str]) -> Scenario {
     let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
@@ -59,17 +59,17 @@ fn seen(environment: &Environment<'_>, worlds: Range<usize>) -> Vec<u32> {
 
 fn run<'s>(
     scenario: &'s Scenario,
-    policy: PolicyName,
+    policy: &'static Kind,
     worlds: Range<u64>,
     vectors: Vectors,
 ) -> Environment<'s> {
     let table = table();
     let mut environment = Environment::new(scenario, &SOURCE, 7, Purpose::Evaluation, worlds);
     environment.set_vectors(vectors);
-    let mut policy = policy.build(&environment, &table);
+    let mut decider = (policy.build)(&environment.setup(), &table);
     let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
     for _ in 0..230 {
-        run_slot(&mut environment, policy.as_mut(), &mut decisions);
+        run_slot(&mut environment, &mut decider, &mut decisions);
     }
     environment
 }
@@ -78,21 +78,21 @@ fn run<'s>(
 fn a_world_does_not_depend_on_its_batch() {
     let scenario = scenario(&[]);
     let many = LANES as u64 + 9;
-    for policy in PolicyName::ALL {
+    for &policy in KINDS {
         let batch = run(&scenario, policy, 0..many, Vectors::widest());
         let alone = run(&scenario, policy, many - 2..many, Vectors::widest());
         let expected = seen(&batch, many as usize - 2..many as usize);
-        assert_eq!(seen(&alone, 0..2), expected, "{}", policy.name());
+        assert_eq!(seen(&alone, 0..2), expected, "{}", policy.name);
     }
 }
 
 #[test]
 fn every_vector_unit_gives_the_same_bits() {
     for (settings, policies) in [
-        (&[][..], &PolicyName::ALL[..]),
+        (&[][..], KINDS),
         (
             &["cell.vehicles=37", "radio.sub_channels=11"],
-            &[PolicyName::Central, PolicyName::Aloha, PolicyName::Random],
+            &[&central::KIND, &aloha::KIND, &random::KIND],
         ),
     ] {
         let scenario = scenario(settings);
@@ -101,7 +101,7 @@ fn every_vector_unit_gives_the_same_bits() {
             let count = LANES + 1;
             let wide = run(&scenario, policy, worlds.clone(), Vectors::widest());
             let plain = run(&scenario, policy, worlds, Vectors::plain());
-            assert_eq!(seen(&wide, 0..count), seen(&plain, 0..count), "{}", policy.name());
+            assert_eq!(seen(&wide, 0..count), seen(&plain, 0..count), "{}", policy.name);
         }
     }
 }
@@ -112,8 +112,8 @@ fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
     let scenario = scenario(&[&format!("cell.vehicles={vehicles}")]);
     let worlds = LANES as u64 + 8;
     let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
-    let mut policy = actor::build(&environment, tables);
-    let mut noise = PolicyName::Random.build(&environment, &tables[0]);
+    let mut actors = Decider::Policy(actor::build(&environment.setup(), tables));
+    let mut noise = (random::KIND.build)(&environment.setup(), &tables[0]);
     let mut units: Vec<Vec<Unit<'_, _>>> = environment
         .keys()
         .iter()
@@ -127,7 +127,7 @@ fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
     let (mut observations, mut transmissions) = (0, 0);
     for slot in 0..slots {
         decisions.clear();
-        policy.decide(&environment, &mut decisions);
+        environment.decide(&mut actors, &mut decisions);
         for (world, units) in units.iter_mut().enumerate() {
             for (vehicle, unit) in units.iter_mut().enumerate() {
                 let measurement = environment.measurement(world, vehicle).unwrap();
@@ -140,7 +140,7 @@ fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
         }
         // Now and then nobody keeps to the turns, so that all ages, joiners and interferences occur.
         if slot % 100 >= 90 {
-            noise.decide(&environment, &mut decisions);
+            environment.decide(&mut noise, &mut decisions);
         }
         environment.step(&decisions);
     }
@@ -200,17 +200,17 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn no_slot_allocates() {
     let (scenario, table) = (scenario(&[]), table());
-    for policy in PolicyName::ALL {
+    for &policy in KINDS {
         let mut environment = Environment::new(&scenario, &SOURCE, 1, Purpose::Evaluation, 0..40);
-        let mut policy_of_worlds = policy.build(&environment, &table);
+        let mut decider = (policy.build)(&environment.setup(), &table);
         let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
         for _ in 0..150 {
-            run_slot(&mut environment, policy_of_worlds.as_mut(), &mut decisions);
+            run_slot(&mut environment, &mut decider, &mut decisions);
         }
         let before = ALLOCATIONS.get();
         for _ in 0..250 {
-            run_slot(&mut environment, policy_of_worlds.as_mut(), &mut decisions);
+            run_slot(&mut environment, &mut decider, &mut decisions);
         }
-        assert_eq!(ALLOCATIONS.get() - before, 0, "{}", policy.name());
+        assert_eq!(ALLOCATIONS.get() - before, 0, "{}", policy.name);
     }
 }

@@ -7,8 +7,8 @@ use assignment::{CostWeights, Demand, Link, Network, NodeNumbering};
 use firmware::table::Table;
 use host_sim::closed_loop::{LoopSummary, closed_loop};
 use host_sim::command::options::thread_pool;
-use host_sim::mobility::{Mobility, MobilitySource, StreetMap};
-use host_sim::policy::PolicyName;
+use host_sim::mobility::{MobilitySource as _, Road, StreetMap};
+use host_sim::policy::{Kind, actor, always};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::stream::{Purpose, WorldKey};
@@ -103,10 +103,7 @@ fn tntp_nodes_are_read_and_bad_ones_named_by_line() {
 #[test]
 fn vehicles_drive_from_link_to_link_at_their_speed() {
     let scenario = scenario();
-    let source = MobilitySource::Streets(Box::new(sioux_falls_map()));
-    let MobilitySource::Streets(map) = &source else {
-        unreachable!()
-    };
+    let map = sioux_falls_map();
     // 28 x 28 units in 750 m x 1299 m.
     let metres = 750.0 / 28.0;
     assert!((map.scale().metres_per_unit - metres).abs() < 1e-12);
@@ -119,17 +116,16 @@ fn vehicles_drive_from_link_to_link_at_their_speed() {
         let (column, row) = (f64::from((node - 1) % 5), f64::from((node - 1) / 5));
         (7.0 * metres * column, 649.5 + metres * (7.0 * row - 14.0))
     };
-    let mut mobility = Mobility::new(&source, &scenario, &key);
+    let mut mobility = map.open(&scenario, &key);
     let mut places = Vec::new();
-    let mut previous: Vec<Option<(u32, f64, f64)>> = vec![None; mobility.vehicles()];
+    let mut previous: Vec<Option<(u32, f64, f64)>> = vec![None; map.vehicles(&scenario)];
     let (mut kept, mut changed) = (0, 0);
     for update in 0..3000 {
-        mobility.advance(update * 100, &mut places);
-        let Mobility::Streets(streets) = &mobility else {
-            unreachable!()
-        };
+        mobility.advance(update * 100, &mut places).unwrap();
         for &(vehicle, place) in &places {
-            let link = streets.link(vehicle);
+            let Some(Road::Link(link)) = mobility.road(vehicle) else {
+                panic!("a vehicle on a street");
+            };
             let ends = &map.network().links()[link as usize];
             let (from, to) = (place_of(ends.init_node), place_of(ends.term_node));
             let part = |x: (f64, f64)| f64::hypot(place.x_m - x.0, place.y_m - x.1);
@@ -182,7 +178,7 @@ fn a_true_scale_is_kept_and_nodes_on_one_spot_are_refused() {
     );
 }
 
-fn run(source: &MobilitySource, policies: &[PolicyName], threads: u16) -> LoopSummary {
+fn run(source: &StreetMap, policies: &[&'static Kind], threads: u16) -> LoopSummary {
     let table = Table::parse(firmware::tables::DISTILLED).unwrap();
     let scenario = scenario();
     let simulation = Simulation {
@@ -201,8 +197,8 @@ fn run(source: &MobilitySource, policies: &[PolicyName], threads: u16) -> LoopSu
 
 #[test]
 fn staler_knowledge_of_a_loaded_network_costs_more() {
-    let source = MobilitySource::Streets(Box::new(sioux_falls_map()));
-    let policies = [PolicyName::Actor, PolicyName::Always];
+    let source = sioux_falls_map();
+    let policies = [&actor::KIND, &always::KIND];
     let summary = run(&source, &policies, 2);
     let [actor, always, full] = &summary.results[..] else {
         panic!("{} results", summary.results.len())

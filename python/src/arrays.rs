@@ -104,12 +104,13 @@ impl Arrays {
         for world in 0..environment.worlds() {
             for vehicle in 0..self.vehicles {
                 let index = (first + world) * self.vehicles + vehicle;
-                let present = environment.present().binary_search(&vehicle).is_ok();
+                let (senses, lane) = (environment.senses(world / LANES, vehicle), world % LANES);
+                let present = environment.presence().contains(world, vehicle);
                 for sub_channel in 0..SUB_CHANNELS {
                     let place = index * SUB_CHANNELS + sub_channel;
-                    let db = |db: f32| if present { db } else { 0.0 };
-                    gains_db[place] = db(environment.gain_db(world, vehicle, sub_channel));
-                    interference_db[place] = db(environment.interference_db(world, vehicle, sub_channel));
+                    let db = |level: i32| if present { level as f32 / 256.0 } else { 0.0 };
+                    gains_db[place] = db(senses.gain(sub_channel)[lane]);
+                    interference_db[place] = db(senses.interference(sub_channel)[lane]);
                 }
                 let broadcast = environment.broadcast(world, vehicle).filter(|_| present);
                 home_sub_channels[index] = broadcast.map_or(0, |heard| heard.home.index() as i8);
@@ -152,7 +153,7 @@ impl Part<'_> {
         // A part is filled by one thread, which hears what it needs.
         let mut encoder = encoder.clone();
         for block in 0..environment.ages().blocks() {
-            encoder.hear(environment.base_station(), block);
+            encoder.hear(&environment.broadcasts(block));
             let worlds = (environment.worlds() - block * LANES).min(LANES);
             for &vehicle in environment.present() {
                 let first = block * LANES * vehicles + vehicle;
@@ -174,9 +175,10 @@ impl Part<'_> {
         (first, worlds): (usize, usize),
     ) {
         let mut inputs = [[0; LANES]; INPUTS];
+        let senses = environment.senses(block, vehicle);
         environment.vectors().run(
             #[inline(always)]
-            || encoder.encode(&encoder.view(environment, block, vehicle), &mut inputs),
+            || encoder.encode(&encoder.view(&senses), &mut inputs),
         );
         let ages = environment.ages().row(block, vehicle);
         let receptions = environment.receptions().row(block, vehicle);

@@ -9,7 +9,7 @@ use crate::worlds::Worlds;
 use clap::ValueEnum;
 use firmware::decision::Action;
 use firmware::units::SUB_CHANNELS;
-use host_sim::policy::PolicyName;
+use host_sim::policy::actor;
 use host_sim::simulation::Extent;
 use host_sim::stream::Purpose;
 use numpy::{Element, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -166,7 +166,7 @@ impl Batch {
     fn check_table(&self, table: &Table) -> PyResult<()> {
         let Setting { scenario, source } = self.worlds.setting();
         let most = source.most_vehicles(scenario);
-        PolicyName::Actor
+        actor::KIND
             .check(scenario, most, &table.parse()?)
             .map_err(exception)
     }

@@ -1,13 +1,13 @@
 //! The held-out protocol: the same worlds, and the same numbers, as the command line's.
 
-use crate::error::{check_range, exception, value_error};
-use crate::scenario::{Scenario, Setting, names};
+use crate::error::{check_range, exception};
+use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
-use clap::ValueEnum;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::thread_pool;
-use host_sim::policy::PolicyName;
+use host_sim::policy::Kind;
 use host_sim::simulation::{Extent, Simulation};
+use kit::choice::Choice as _;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
@@ -124,22 +124,21 @@ pub fn evaluate_policy(
     seed: u64,
     threads: Option<u16>,
 ) -> PyResult<Evaluation> {
-    let name = PolicyName::from_str(policy, false)
-        .map_err(|_| value_error("policy", format!("\"{policy}\""), names::<PolicyName>()))?;
+    let kind = <&'static Kind>::of_name("policy", policy).map_err(exception)?;
     let extent = extent(worlds, slots, warmup, seed)?;
     let setting = Setting::new(scenario, mobility)?;
     let table = table.parse()?;
     let pool = thread_pool(threads).map_err(exception)?;
     let simulation = Simulation {
         scenario: &setting.scenario,
-        source: &setting.source,
+        source: setting.source.as_ref(),
         extent,
     };
-    let run = || simulation.run_policy(name, &table, |_| ());
+    let run = || simulation.run_policy(kind, &table, |_, _| ());
     let (ages, _) = py.detach(|| pool.install(run)).map_err(exception)?;
     let vehicles = setting.source.vehicles(&setting.scenario);
     Ok(Evaluation::new(
-        name.name().to_owned(),
+        kind.name.to_owned(),
         extent,
         vehicles,
         simulation.bound_age_ms(),

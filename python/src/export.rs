@@ -155,7 +155,7 @@ impl FloatNetwork {
         let setting = Setting::new(scenario, "grid")?;
         let simulation = Simulation {
             scenario: &setting.scenario,
-            source: &setting.source,
+            source: setting.source.as_ref(),
             extent,
         };
         let table = table.parse()?;
@@ -185,7 +185,7 @@ impl FloatNetwork {
     fn watch(&self, setting: &Setting, seed: u64, world: u64) -> Vec<[i8; INPUTS]> {
         let Setting { scenario, source } = setting;
         let worlds = world..world + 1;
-        let mut environment = Environment::new(scenario, source, seed, Purpose::Training, worlds);
+        let mut environment = Environment::new(scenario, source.as_ref(), seed, Purpose::Training, worlds);
         let (required, plan) = (scenario.radio.required_level(), power_plan(scenario));
         let mut decisions = Decisions::new(1, environment.vehicles());
         let mut inputs = Vec::new();

@@ -18,6 +18,8 @@ mod worlds;
 #[pyo3::pymodule]
 mod _native {
     #[pymodule_export]
+    use crate::assignment::{Assignment, assign_arrays};
+    #[pymodule_export]
     use crate::batch::Batch;
     #[pymodule_export]
     use crate::evaluation::{Evaluation, evaluate_policy};
@@ -29,6 +31,4 @@ mod _native {
     use crate::speed::native_loop;
     #[pymodule_export]
     use crate::table::Table;
-    #[pymodule_export]
-    use assignment::{Assignment, assign_arrays};
 }

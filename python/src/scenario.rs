@@ -2,7 +2,7 @@
 
 use crate::error::{exception, value_error};
 use clap::ValueEnum;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::{MobilitySource, read_source};
 use host_sim::scenario::{self, Key, Preset, ScenarioSource, nearest_key};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
@@ -73,7 +73,7 @@ impl Scenario {
 /// What worlds are made of: the cell, and what moves its vehicles.
 pub struct Setting {
     pub scenario: scenario::Scenario,
-    pub source: MobilitySource,
+    pub source: Box<dyn MobilitySource>,
 }
 
 impl Setting {
@@ -83,8 +83,8 @@ impl Setting {
     /// What is wrong with the file, or a trace that never comes near the base station.
     pub fn new(scenario: &Scenario, mobility: &str) -> PyResult<Self> {
         let scenario = scenario.inner.clone();
-        let source = MobilitySource::read(mobility).map_err(exception)?;
-        source.check_places(&scenario).map_err(exception)?;
+        let source = read_source(mobility).map_err(exception)?;
+        source.check(&scenario).map_err(exception)?;
         Ok(Self { scenario, source })
     }
 }

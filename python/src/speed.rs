@@ -3,11 +3,12 @@
 use crate::scenario::{Scenario, Setting};
 use firmware::decision::{Action, PowerPlan};
 use firmware::observation::{INPUTS, Observation};
-use host_sim::decisions::Decisions;
+use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Row};
 use host_sim::policy::actor::Encoder;
-use host_sim::policy::{Policy, power_plan};
+use host_sim::policy::{Decider, Policy, power_plan};
+use host_sim::senses::{Broadcasts, Senses};
 use host_sim::simulation::run_slot;
 use host_sim::stream::Purpose;
 use pyo3::prelude::*;
@@ -25,13 +26,13 @@ fn run(setting: &Setting, worlds: u64, slots: u32, seed: u64) -> u64 {
     // As the simulator itself does it: one row of worlds after the other.
     let batches = (0..worlds).step_by(LANES).map(|first| {
         let batch = first..worlds.min(first + LANES as u64);
-        let mut environment = Environment::new(scenario, source, seed, Purpose::Training, batch);
+        let mut environment = Environment::new(scenario, source.as_ref(), seed, Purpose::Training, batch);
         let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
-        let mut policy = EveryFifth {
+        let mut policy = Decider::Policy(Box::new(EveryFifth {
             encoder: Encoder::new(scenario.radio.required_level()),
             power_plan: power_plan(scenario),
             inputs: [[0; LANES]; INPUTS],
-        };
+        }));
         (0..slots).for_each(|_| run_slot(&mut environment, &mut policy, &mut decisions));
         let (worlds, vehicles) = (environment.worlds(), environment.vehicles());
         let everybody = (0..worlds).flat_map(|world| (0..vehicles).map(move |vehicle| (world, vehicle)));
@@ -49,25 +50,22 @@ struct EveryFifth {
 }
 
 impl Policy for EveryFifth {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        for block in 0..environment.ages().blocks() {
-            self.encoder.hear(environment.base_station(), block);
-            for &vehicle in environment.present() {
-                let Self { encoder, inputs, .. } = self;
-                environment.vectors().run(
-                    #[inline(always)]
-                    || encoder.encode(&encoder.view(environment, block, vehicle), inputs),
-                );
-                let _ = std::hint::black_box(&self.inputs);
-            }
-        }
-        for &vehicle in environment.present() {
-            for world in (0..environment.worlds()).filter(|world| (world + vehicle).is_multiple_of(5)) {
-                if let Some(measurement) = environment.measurement(world, vehicle) {
-                    let observation = Observation::new(&measurement);
-                    let decision = self.power_plan.decision(Action::FullPower, &observation);
-                    decisions.set(world, vehicle, decision);
-                }
+    fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
+        self.encoder.hear(broadcasts);
+    }
+
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+        let Self { encoder, inputs, .. } = self;
+        senses.vectors().run(
+            #[inline(always)]
+            || encoder.encode(&encoder.view(senses), inputs),
+        );
+        let _ = std::hint::black_box(&self.inputs);
+        let first = senses.block() * LANES + senses.vehicle();
+        for lane in (0..senses.worlds()).filter(|lane| (first + lane).is_multiple_of(5)) {
+            if let Some(measurement) = senses.measurement(lane) {
+                let observation = Observation::new(&measurement);
+                decisions.set(lane, self.power_plan.decision(Action::FullPower, &observation));
             }
         }
     }

@@ -12,9 +12,9 @@ use host_sim::command::options::thread_pool;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::actor::Encoder;
-use host_sim::policy::{PolicyName, power_plan};
+use host_sim::mobility::check_slots;
+use host_sim::policy::power_plan;
+use host_sim::policy::{actor::Encoder, clock};
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::stream::Purpose;
 use pyo3::prelude::*;
@@ -93,9 +93,7 @@ impl Worlds {
         let shipped = shipped.map_err(|error| value_error("built-in table", error, "a table"))?;
         // As the clock, agents need the base station's groups, and all of them a broadcast.
         let most = source.most_vehicles(scenario);
-        PolicyName::Clock
-            .check(scenario, most, &shipped)
-            .map_err(exception)?;
+        clock::KIND.check(scenario, most, &shipped).map_err(exception)?;
         check_range("vehicles", most as u64, 1, Period::MAX.into())?;
         let vehicles = source.vehicles(scenario);
         let decisions = ranges(worlds).map(|part| Decisions::new(part.len(), vehicles));
@@ -122,7 +120,7 @@ impl Worlds {
             parts: Parts::new(setting, |Setting { scenario, source }| {
                 let part = |range: std::ops::Range<usize>| {
                     let worlds = range.start as u64..range.end as u64;
-                    Environment::new(scenario, source, seed, purpose, worlds)
+                    Environment::new(scenario, source.as_ref(), seed, purpose, worlds)
                 };
                 ranges(worlds).map(part).collect()
             }),
@@ -148,7 +146,7 @@ impl Worlds {
         let Setting { scenario, source } = self.setting();
         let simulation = Simulation {
             scenario,
-            source,
+            source: source.as_ref(),
             extent,
         };
         simulation.bound_age_ms()
@@ -201,7 +199,7 @@ impl Worlds {
         self.run(|Setting { scenario, source }, task| {
             let last = (task.first + PART_WORLDS).min(worlds) as u64;
             let range = next + task.first as u64..next + last;
-            *task.environment = Environment::new(scenario, source, seed, purpose, range);
+            *task.environment = Environment::new(scenario, source.as_ref(), seed, purpose, range);
         });
     }
 
@@ -210,13 +208,7 @@ impl Worlds {
     /// # Errors
     /// `ValueError` if it is shorter.
     pub fn check_slots(&self, slots: u32) -> PyResult<()> {
-        match &self.setting().source {
-            MobilitySource::Trace(trace) if slots > trace.duration_slots() => {
-                let expected = format!("at most {}, the length of the trace", trace.duration_slots());
-                Err(value_error("slots", slots, expected))
-            }
-            _ => Ok(()),
-        }
+        check_slots(self.setting().source.as_ref(), slots).map_err(exception)
     }
 
     /// Carries out every vehicle's action, `[world][vehicle]`, and begins the next slot.
@@ -267,12 +259,11 @@ impl Worlds {
             } = task;
             environment.step(decisions);
             if let Some(counter) = counter {
-                let (present, ages) = (environment.present(), environment.ages());
                 counter.record(
                     environment.vectors(),
                     slot,
-                    present,
-                    ages,
+                    environment.presence(),
+                    environment.ages(),
                     environment.successes(),
                 );
             }

@@ -13,7 +13,7 @@ use firmware::actor::MAX_WIDTH;
 use firmware::form::CONTINUOUS_ONE;
 use firmware::table::{MAX_LAYERS, Table};
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
 use host_sim::stream::Purpose;
@@ -95,7 +95,7 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
             let (least, most) = (actors.form.min_vehicles, actors.form.max_vehicles);
             scenario.cell.vehicles = least + ((u64::from(most - least) * world) / (WORLDS - 1)) as u32;
             let worlds = FIRST_WORLD + world..FIRST_WORLD + world + 1;
-            let source = &MobilitySource::Grid;
+            let source = &Grid;
             let mut environment =
                 Environment::new(&scenario, source, identity.seed, Purpose::Training, worlds);
             let mut inputs = Vec::new();
@@ -183,7 +183,7 @@ mod tests {
             assert_eq!(tables[0].output_form(), actors.form.output.in_table());
             let simulation = Simulation {
                 scenario: &identity.configuration.scenario,
-                source: &MobilitySource::Grid,
+                source: &Grid,
                 extent: Extent {
                     seed: 1,
                     worlds: 4,

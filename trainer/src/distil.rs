@@ -7,7 +7,7 @@ use firmware::observation::{INPUTS, ONE, Observation};
 use firmware::units::{Age, Level, SUB_CHANNELS};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::policy::{clock, power_plan};
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
@@ -193,13 +193,7 @@ fn watch(
     scenario.cell.vehicles =
         recipe.min_vehicles + stream.below(recipe.max_vehicles - recipe.min_vehicles + 1);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
-    let mut cell = Environment::new(
-        &scenario,
-        &MobilitySource::Grid,
-        key.seed,
-        key.purpose,
-        key.world..key.world + 1,
-    );
+    let mut cell = Environment::new(&scenario, &Grid, key.seed, key.purpose, key.world..key.world + 1);
     let homes: Vec<Option<usize>> = (0..cell.vehicles())
         .map(|vehicle| cell.broadcast(0, vehicle))
         .map(|broadcast| broadcast.map(|broadcast| broadcast.home.index()))

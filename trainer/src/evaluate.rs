@@ -10,11 +10,13 @@ use firmware::observation::Observation;
 use firmware::table::Table;
 use firmware::units::Level;
 use host_sim::age::AgeSummary;
-use host_sim::decisions::Decisions;
+use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
-use host_sim::policy::{Policy, PolicyName, actor};
+use host_sim::lanes::LANES;
+use host_sim::policy::{Decider, Policy, Setup, actor};
+use host_sim::senses::Senses;
 use host_sim::simulation::Simulation;
-use host_sim::stream::{Role, Stream};
+use host_sim::stream::Stream;
 use kit::error::{Error, Result};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -64,6 +66,9 @@ impl Setting {
     }
 }
 
+/// Number of the exploring actors' random streams: far from those of policies' kinds.
+const EXPLORATION_STREAM: u32 = u32::MAX;
+
 /// The float networks decide.
 pub struct FloatActors<'a> {
     actors: &'a Actors,
@@ -105,54 +110,48 @@ impl<'a> FloatActors<'a> {
     pub fn exploring(
         actors: &'a Actors,
         setting: Setting,
-        environment: &Environment<'_>,
+        setup: &Setup<'_>,
         agreement: &'a Agreement,
     ) -> Self {
         Self {
-            explore: environment
-                .keys()
-                .iter()
-                .map(|key| key.stream(Role::Policy, u32::MAX))
-                .collect(),
+            explore: setup.streams(EXPLORATION_STREAM).collect(),
             ..Self::greedy(actors, setting, &[], agreement)
         }
     }
 }
 
 impl Policy for FloatActors<'_> {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
         let Setting {
             required_sinr,
             power_plan,
         } = self.setting;
-        let form = self.actors.form;
+        let (form, vehicle) = (self.actors.form, senses.vehicle());
         let last = self.quantised.len().saturating_sub(1);
         let (mut same, mut all) = (0, 0);
-        for &vehicle in environment.present() {
-            let worlds = 0..environment.worlds();
-            self.measured.clear();
-            self.measured
-                .extend(worlds.filter_map(|world| Some((world, environment.measurement(world, vehicle)?))));
-            let (length, samples) = (form.observation.length(), self.measured.len());
-            self.inputs.resize(samples * length, 0.0);
-            for ((_, measurement), input) in self.measured.iter().zip(self.inputs.chunks_exact_mut(length)) {
-                form.observation.write(measurement, required_sinr, input);
-            }
-            let network = self.actors.network(vehicle);
-            let columns = network.forward_batch(&self.inputs, &mut self.batch);
-            for (sample, (world, measurement)) in self.measured.iter().enumerate() {
-                self.outputs.clear();
-                self.outputs.extend(columns.iter().skip(sample).step_by(samples));
-                let explore = self.explore.get_mut(*world);
-                let decision = form
-                    .output
-                    .decide(&self.outputs, measurement, &power_plan, explore);
-                decisions.set(*world, vehicle, decision);
-                if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
-                    let observation = Observation::new(measurement);
-                    same += u64::from(agree(decision, quantised.decide(&observation)));
-                    all += 1;
-                }
+        let lanes = 0..senses.worlds();
+        self.measured.clear();
+        self.measured
+            .extend(lanes.filter_map(|lane| Some((lane, senses.measurement(lane)?))));
+        let (length, samples) = (form.observation.length(), self.measured.len());
+        self.inputs.resize(samples * length, 0.0);
+        for ((_, measurement), input) in self.measured.iter().zip(self.inputs.chunks_exact_mut(length)) {
+            form.observation.write(measurement, required_sinr, input);
+        }
+        let network = self.actors.network(vehicle);
+        let columns = network.forward_batch(&self.inputs, &mut self.batch);
+        for (sample, (lane, measurement)) in self.measured.iter().enumerate() {
+            self.outputs.clear();
+            self.outputs.extend(columns.iter().skip(sample).step_by(samples));
+            let explore = self.explore.get_mut(senses.block() * LANES + lane);
+            let decision = form
+                .output
+                .decide(&self.outputs, measurement, &power_plan, explore);
+            decisions.set(*lane, decision);
+            if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
+                let observation = Observation::new(measurement);
+                same += u64::from(agree(decision, quantised.decide(&observation)));
+                all += 1;
             }
         }
         let _ = self.agreement.same.fetch_add(same, Ordering::Relaxed);
@@ -233,13 +232,13 @@ pub fn quantised(
 ) -> Result<AgeSummary> {
     let vehicles = simulation.source.most_vehicles(simulation.scenario);
     for table in tables {
-        PolicyName::Actor.check(simulation.scenario, vehicles, table)?;
+        actor::KIND.check(simulation.scenario, vehicles, table)?;
     }
     if tables.len() > 1 {
         check_vehicles(simulation, tables.len())?;
     }
-    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> { actor::build(environment, tables) };
-    Ok(simulation.run(build, |_| ended())?.0)
+    let build = |setup: &Setup<'_>| Decider::Policy(actor::build(setup, tables));
+    Ok(simulation.run(build, |_, _| ended())?.0)
 }
 
 /// Ages with the greedy float networks, and the fraction of decisions that the tables share, if there are any.
@@ -255,10 +254,10 @@ pub fn float(
 ) -> Result<(AgeSummary, Option<f64>)> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |_: &Environment<'_>| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::greedy(actors, setting, tables, &agreement))
+    let build = |_: &Setup<'_>| -> Decider<'_> {
+        Decider::Policy(Box::new(FloatActors::greedy(actors, setting, tables, &agreement)))
     };
-    let (ages, _) = simulation.run(build, |_| ended())?;
+    let (ages, _) = simulation.run(build, |_, _| ended())?;
     Ok((ages, agreement.fraction()))
 }
 
@@ -274,10 +273,12 @@ pub fn exploring(
 ) -> Result<AgeSummary> {
     check_actors(simulation, actors)?;
     let agreement = Agreement::default();
-    let build = |environment: &Environment<'_>| -> Box<dyn Policy + '_> {
-        Box::new(FloatActors::exploring(actors, setting, environment, &agreement))
+    let build = |setup: &Setup<'_>| -> Decider<'_> {
+        Decider::Policy(Box::new(FloatActors::exploring(
+            actors, setting, setup, &agreement,
+        )))
     };
-    Ok(simulation.run(build, |_| ended())?.0)
+    Ok(simulation.run(build, |_, _| ended())?.0)
 }
 
 fn check_actors(simulation: &Simulation<'_>, actors: &Actors) -> Result<()> {
@@ -304,7 +305,7 @@ mod tests {
     use crate::laboratory::configuration::Preset;
     use crate::run_folder::RunIdentity;
     use host_sim::command::options::parse_table;
-    use host_sim::mobility::MobilitySource;
+    use host_sim::mobility::Grid;
     use host_sim::simulation::Extent;
 
     /// Three vehicles with a copy each of one actor decide as three that share it, in every form.
@@ -321,7 +322,7 @@ mod tests {
         };
         let simulation = Simulation {
             scenario: &identity.configuration.scenario,
-            source: &MobilitySource::Grid,
+            source: &Grid,
             extent: Extent {
                 seed: 1,
                 worlds: 3,

@@ -9,7 +9,7 @@ use crate::network::{Layer, Network};
 use firmware::decision::Decision;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Stream};
@@ -261,7 +261,7 @@ impl Learner for EvolutionLearner {
                 let network = network(&widths, sample);
                 let mut environment = Environment::new(
                     &self.scenario,
-                    &MobilitySource::Grid,
+                    &Grid,
                     self.seed,
                     Purpose::Training,
                     first..first + worlds,

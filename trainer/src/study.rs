@@ -10,7 +10,7 @@ use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::{parse_table, thread_pool};
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::simulation::{Extent, Simulation};
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
@@ -247,7 +247,7 @@ impl Evaluation {
     fn forms(&self, identity: &RunIdentity, trained: &TrainedActors) -> Result<Vec<FormResult>> {
         let simulation = Simulation {
             scenario: &identity.configuration.scenario,
-            source: &MobilitySource::Grid,
+            source: &Grid,
             extent: Extent {
                 seed: self.seed,
                 worlds: self.worlds,

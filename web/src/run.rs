@@ -6,7 +6,7 @@ use firmware::units::Age;
 use host_sim::age::{AgeCounter, AgeSummary};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::policy::{Policy, PolicyName};
+use host_sim::policy::{Decider, Kind};
 
 /// Slots whose mean ages are kept for drawing (chosen: the width of a wide screen in pixels).
 pub const HISTORY_SLOTS: usize = 4096;
@@ -14,7 +14,7 @@ pub const HISTORY_SLOTS: usize = 4096;
 /// A world, who decides in it, and what came of it.
 pub struct Run {
     environment: Environment<'static>,
-    policy: Box<dyn Policy>,
+    decider: Decider<'static>,
     decisions: Decisions,
     counter: AgeCounter,
     /// Mean over vehicles after each of the last slots: a slot's place is its index modulo [`HISTORY_SLOTS`].
@@ -25,13 +25,13 @@ impl Run {
     /// A world before its first slot; slots before `warmup` do not count.
     pub fn new(
         environment: Environment<'static>,
-        policy: PolicyName,
+        policy: &'static Kind,
         table: &'static Table<'static>,
         warmup: u32,
     ) -> Self {
         let (worlds, vehicles) = (environment.worlds(), environment.vehicles());
         Self {
-            policy: policy.build(&environment, table),
+            decider: (policy.build)(&environment.setup(), table),
             decisions: Decisions::new(worlds, vehicles),
             counter: AgeCounter::new(warmup, worlds, vehicles),
             history_ms: vec![f32::NAN; HISTORY_SLOTS],
@@ -55,8 +55,8 @@ impl Run {
     }
 
     /// Lets another policy decide from now on. It begins without a past, as if every unit were switched on now.
-    pub fn set_policy(&mut self, policy: PolicyName, table: &'static Table<'static>) {
-        self.policy = policy.build(&self.environment, table);
+    pub fn set_policy(&mut self, policy: &'static Kind, table: &'static Table<'static>) {
+        self.decider = (policy.build)(&self.environment.setup(), table);
     }
 
     /// Begins to count anew, from a later slot on.
@@ -73,7 +73,7 @@ impl Run {
     pub fn step(&mut self, jammed: &[bool]) {
         let slot = self.environment.elapsed();
         self.decisions.clear();
-        self.policy.decide(&self.environment, &mut self.decisions);
+        self.environment.decide(&mut self.decider, &mut self.decisions);
         if jammed.contains(&true) {
             let mut heard = self.decisions.clone();
             for &vehicle in self
@@ -92,7 +92,7 @@ impl Run {
         self.counter.record(
             environment.vectors(),
             slot,
-            environment.present(),
+            environment.presence(),
             environment.ages(),
             environment.successes(),
         );

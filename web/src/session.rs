@@ -4,10 +4,11 @@ use crate::run::{HISTORY_SLOTS, Run};
 use firmware::table::Table;
 use host_sim::age::ideal_age_ms;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
-use host_sim::policy::PolicyName;
+use host_sim::mobility::Grid;
+use host_sim::policy::{KINDS, Kind};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::stream::Purpose;
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -55,7 +56,7 @@ pub struct Session {
     table: &'static Table<'static>,
     /// The first is the visitor's, the others are for comparison.
     runs: Vec<Run>,
-    names: Vec<PolicyName>,
+    names: Vec<&'static Kind>,
     /// By vehicle.
     jammed: Vec<bool>,
     /// Ages count from this slot on.
@@ -92,12 +93,14 @@ impl Session {
             return Err(Error::input("cell.vehicles", scenario.cell.vehicles, expected));
         }
         let names = std::iter::once(&request.policy).chain(&request.comparisons);
-        let names = names.map(|name| policy_named(name)).collect::<Result<Vec<_>>>()?;
+        let names = names
+            .map(|name| <&Kind>::of_name("policy", name))
+            .collect::<Result<Vec<_>>>()?;
         for name in &names {
             name.check(scenario, room, table)?;
         }
-        let run = |&name: &PolicyName| {
-            let (grid, purpose) = (&MobilitySource::Grid, Purpose::Evaluation);
+        let run = |&name: &&'static Kind| {
+            let (grid, purpose) = (&Grid, Purpose::Evaluation);
             let environment = Environment::with_room(scenario, grid, seed, purpose, 0..1, room);
             Run::new(environment, name, table, WARMUP_SLOTS)
         };
@@ -118,14 +121,15 @@ impl Session {
 
     /// What the page needs to know once: scenario, policies that can serve it, and how the views are laid out.
     pub fn description(&self) -> Value {
-        let policies = PolicyName::ALL.map(|policy| {
+        let policies = KINDS.iter().map(|policy| {
             let refused = policy.check(self.scenario, self.jammed.len(), self.table).err();
-            json!({ "name": policy.name(), "refused": refused.map(|error| error.to_string()) })
+            json!({ "name": policy.name, "refused": refused.map(|error| error.to_string()) })
         });
+        let policies: Vec<Value> = policies.collect();
         json!({
             "scenario": self.scenario,
             "policies": policies,
-            "runs": self.names.iter().map(|name| name.name()).collect::<Vec<_>>(),
+            "runs": self.names.iter().map(|kind| kind.name).collect::<Vec<_>>(),
             "room": self.jammed.len(),
             "most_slots": MOST_SLOTS,
             "layout": {
@@ -173,7 +177,7 @@ impl Session {
     /// # Errors
     /// [`Error::Input`] if there is none of this name, or if it cannot serve the scenario.
     pub fn set_policy(&mut self, name: &str) -> Result<()> {
-        let policy = policy_named(name)?;
+        let policy = <&Kind>::of_name("policy", name)?;
         policy.check(self.scenario, self.jammed.len(), self.table)?;
         self.runs[0].set_policy(policy, self.table);
         self.names[0] = policy;
@@ -274,12 +278,4 @@ impl Session {
             }
         }
     }
-}
-
-fn policy_named(name: &str) -> Result<PolicyName> {
-    let found = PolicyName::ALL.into_iter().find(|policy| policy.name() == name);
-    found.ok_or_else(|| {
-        let names = PolicyName::ALL.map(PolicyName::name).join(", ");
-        Error::input("policy", format!("\"{name}\""), format!("one of {names}"))
-    })
 }

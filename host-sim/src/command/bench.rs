@@ -4,12 +4,13 @@ use super::options::{ScenarioArguments, table_bytes, thread_pool};
 use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::LANES;
-use crate::mobility::MobilitySource;
-use crate::policy::{Policy, PolicyName};
+use crate::mobility::Grid;
+use crate::policy::{Decider, Scheduler, Setup, actor};
 use crate::report::text_table::{Column, TextTable};
 use crate::scenario::Scenario;
 use crate::simulation::run_slot;
 use crate::stream::Purpose;
+use crate::truth::Knowledge;
 use firmware::table::Table;
 use firmware::units::SUB_CHANNELS;
 use kit::error::{Error, Result};
@@ -56,21 +57,22 @@ struct Speed {
     slots_per_processor_second: Option<f64>,
 }
 
-/// Everybody in turn, by the vehicles' numbers: a policy that costs next to nothing and uses the whole loop.
-struct Turns;
+/// Everybody in turn, by the vehicles' numbers: a scheduler that costs next to nothing and uses the whole loop.
+struct Turns {
+    /// In 1/256 dBm.
+    full_power: i16,
+}
 
-impl Policy for Turns {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        let sub_channels = environment.sub_channels();
-        let turns = environment.present().len().div_ceil(sub_channels);
-        let now = environment.elapsed() as usize % turns;
-        let full_power = (environment.scenario().radio.max_power_dbm * 256.0) as i16;
-        for (index, &vehicle) in environment.present().iter().enumerate() {
+impl Scheduler for Turns {
+    fn decide(&mut self, known: &Knowledge<'_>, decisions: &mut Decisions) {
+        let (vehicles, sub_channels) = (known.presence.vehicles(), known.sub_channels);
+        let now = known.elapsed as usize % vehicles.len().div_ceil(sub_channels);
+        for (index, &vehicle) in vehicles.iter().enumerate() {
             let sub_channel = (index / sub_channels == now).then_some((index % sub_channels) as u8);
-            for block in 0..environment.ages().blocks() {
-                let (chosen, power) = decisions.rows_mut(block, vehicle);
-                *chosen = [sub_channel.unwrap_or(SILENT); LANES];
-                *power = [full_power; LANES];
+            for block in 0..known.ages.blocks() {
+                let row = decisions.of(block, vehicle);
+                *row.sub_channel = [sub_channel.unwrap_or(SILENT); LANES];
+                *row.power = [self.full_power; LANES];
             }
         }
     }
@@ -89,9 +91,9 @@ fn measure<'p>(
     seed: u64,
     worlds: u32,
     slots: u32,
-    policy: impl Fn(&Environment<'_>) -> Box<dyn Policy + 'p> + Sync,
+    build: impl Fn(&Setup<'_>) -> Decider<'p> + Sync,
 ) -> Speed {
-    let source = MobilitySource::Grid;
+    let source = Grid;
     let batch = u64::from(worlds)
         .div_ceil(rayon::current_num_threads() as u64)
         .clamp(1, LANES as u64);
@@ -101,14 +103,14 @@ fn measure<'p>(
         .map(|index| {
             let worlds = index * batch..worlds.min((index + 1) * batch);
             let mut environment = Environment::new(scenario, &source, seed, Purpose::Evaluation, worlds);
-            let mut policy = policy(&environment);
+            let mut decider = build(&environment.setup());
             let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
             for _ in 0..WARMUP_SLOTS.min(slots) {
-                run_slot(&mut environment, policy.as_mut(), &mut decisions);
+                run_slot(&mut environment, &mut decider, &mut decisions);
             }
             let (start, before) = (Instant::now(), processor_seconds());
             for _ in 0..slots {
-                run_slot(&mut environment, policy.as_mut(), &mut decisions);
+                run_slot(&mut environment, &mut decider, &mut decisions);
             }
             let processor = processor_seconds().zip(before).map(|(now, before)| now - before);
             (start.elapsed().as_secs_f64(), processor)
@@ -155,17 +157,19 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         (200_000_000 / (pairs * u64::from(worlds.div_ceil(arguments.threads.into())))).max(20) as u32,
     );
     let (environment, actor) = thread_pool(Some(arguments.threads))?.install(|| {
-        let environment = measure(&scenario, arguments.seed, worlds, slots, |_| Box::new(Turns));
+        let environment = measure(&scenario, arguments.seed, worlds, slots, |_| {
+            Decider::Scheduler(Box::new(Turns {
+                full_power: (scenario.radio.max_power_dbm * 256.0) as i16,
+            }))
+        });
         let serves = sub_channels as usize == SUB_CHANNELS
-            && PolicyName::Actor
-                .check(&scenario, vehicles as usize, &table)
-                .is_ok();
-        let actor = serves.then(|| {
-            measure(&scenario, arguments.seed, worlds, slots, |environment| {
-                PolicyName::Actor.build(environment, &table)
+            && actor::KIND.check(&scenario, vehicles as usize, &table).is_ok();
+        let with_actor = serves.then(|| {
+            measure(&scenario, arguments.seed, worlds, slots, |setup| {
+                (actor::KIND.build)(setup, &table)
             })
         });
-        (environment, actor)
+        (environment, with_actor)
     });
     if arguments.json {
         let object = json!({

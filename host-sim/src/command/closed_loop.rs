@@ -3,7 +3,7 @@
 use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
 use crate::command::options::{progress_bar, thread_pool};
 use crate::command::run::{PreparedRun, RunArguments, RunOptions};
-use crate::mobility::{MobilitySource, StreetMap};
+use crate::mobility::StreetMap;
 use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
 use crate::report::chart::{Axis, LineChart, Point, Series};
@@ -65,13 +65,13 @@ impl LoopArguments {
         }
         .prepare()?;
         if let Some(net) = &self.net {
-            if !matches!(prepared.source, MobilitySource::Grid) {
+            if !prepared.source.is_grid() {
                 let expected = "grid or nothing beside --net, on whose roads vehicles drive";
                 return Err(Error::input("--mobility", &options.mobility, expected));
             }
             let map = self.street_map(net, &prepared)?;
-            prepared.source = MobilitySource::Streets(Box::new(map));
-            prepared.source.check_places(&prepared.scenario)?;
+            prepared.source = Box::new(map);
+            prepared.source.check(&prepared.scenario)?;
         }
         Ok(prepared)
     }
@@ -134,7 +134,7 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
 }
 
 fn name(result: &LoopResult) -> &'static str {
-    result.policy.map_or("full-knowledge", |policy| policy.name())
+    result.policy.map_or("full-knowledge", |policy| policy.name)
 }
 
 /// Full knowledge has no age.
@@ -195,7 +195,7 @@ fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
         planning.incident_duration_s,
         planning.incident_interval_s,
     ));
-    if let MobilitySource::Streets(map) = &prepared.source {
+    if let Some(map) = prepared.source.streets() {
         table.note(&format!(
             "Vehicles drive the paths of the equilibrium, {} m for each unit of the network's coordinates; its unit of time is {} s.",
             map.scale().metres_per_unit,
@@ -244,13 +244,10 @@ fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {
         "plans": summary.plan_slots.len(),
         "cost_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.map(|(cost, _)| cost),
         "cost_ci95_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.and_then(|(_, interval)| interval),
-        "scale": match &prepared.source {
-            MobilitySource::Streets(map) => json!({
-                "metres_per_unit": map.scale().metres_per_unit,
-                "seconds_per_unit": map.scale().seconds_per_unit,
-            }),
-            MobilitySource::Grid | MobilitySource::Trace(_) => Value::Null,
-        },
+        "scale": prepared.source.streets().map(|map| json!({
+            "metres_per_unit": map.scale().metres_per_unit,
+            "seconds_per_unit": map.scale().seconds_per_unit,
+        })),
         "scenario": prepared.scenario,
         "policies": policies,
     })

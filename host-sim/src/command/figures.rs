@@ -99,13 +99,15 @@ fn measure(prepared: &PreparedRun, hide_progress: bool) -> Result<Vec<MeasuredAg
     );
     let mut measured = Vec::new();
     for &policy in &prepared.policies {
-        let (ages, roads) = prepared.simulation().run_policy(policy, &table, |cell| {
-            progress.inc(1);
-            model.road_ages(cell)
-        })?;
+        let (ages, roads) = prepared
+            .simulation()
+            .run_policy(policy, &table, |environment, world| {
+                progress.inc(1);
+                model.road_ages(environment, world)
+            })?;
         let roads: Option<Vec<RoadAges>> = roads.into_iter().collect();
         measured.push(MeasuredAges {
-            policy: policy.name(),
+            policy: policy.name,
             ages,
             roads: roads.ok_or_else(|| Error::input("mobility", "vehicles on no road", "the grid"))?,
         });

@@ -4,8 +4,8 @@ use crate::command::options::{ScenarioArguments, progress_bar};
 use crate::hil::emulator::check_installed;
 use crate::hil::fleet::{Fleet, FleetResult, INSTRUCTION_SHIFT};
 use crate::hil::image::{self, Image};
-use crate::mobility::MobilitySource;
-use crate::policy::PolicyName;
+use crate::mobility::Grid;
+use crate::policy::actor;
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
 use firmware::table::Table;
@@ -102,7 +102,7 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
 fn library_mean_age_ms(arguments: &HilArguments, scenario: &Scenario) -> Result<f64> {
     let simulation = Simulation {
         scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent: Extent {
             seed: arguments.seed,
             worlds: 1,
@@ -112,7 +112,7 @@ fn library_mean_age_ms(arguments: &HilArguments, scenario: &Scenario) -> Result<
     };
     let table = Table::parse(firmware::tables::DISTILLED)
         .map_err(|error| Error::input("built-in table", error, "a table"))?;
-    let (ages, _) = simulation.run_policy(PolicyName::Actor, &table, |_| ())?;
+    let (ages, _) = simulation.run_policy(&actor::KIND, &table, |_, _| ())?;
     Ok(ages.mean_ms)
 }
 

@@ -1,8 +1,9 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
+use crate::command::options::choice;
 use crate::command::options::{ScenarioArguments, parse_table, progress_bar, table_bytes, thread_pool};
-use crate::mobility::MobilitySource;
-use crate::policy::PolicyName;
+use crate::mobility::{MobilitySource, check_slots, read_source};
+use crate::policy::{KINDS, Kind, actor};
 use crate::report::{PolicyResult, ages, cell_figures, pages, traffic};
 use crate::scenario::Scenario;
 use crate::simulation::{Extent, Simulation};
@@ -41,8 +42,8 @@ pub struct RunOptions {
     #[command(flatten)]
     pub scenario: ScenarioArguments,
     /// Policy to run (repeatable) [default: all]
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub policy: Vec<PolicyName>,
+    #[arg(long, value_parser = choice::<&'static Kind>(), value_name = "NAME")]
+    pub policy: Vec<&'static Kind>,
     /// Weight table for the actor [default: the one built into the firmware]
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
@@ -78,11 +79,11 @@ pub struct PreparedRun {
     /// The cell.
     pub scenario: Scenario,
     /// What moves its vehicles.
-    pub source: MobilitySource,
+    pub source: Box<dyn MobilitySource>,
     /// How much is simulated.
     pub extent: Extent,
     /// Which policies, in a fixed order.
-    pub policies: Vec<PolicyName>,
+    pub policies: Vec<&'static Kind>,
     /// The actor's table.
     pub table: Vec<u8>,
     /// Where the table was read, if not built in.
@@ -103,8 +104,8 @@ impl RunOptions {
             && !self.policy.is_empty()
             && !self.policy.iter().any(|policy| policy.uses_table())
         {
-            let expected = format!("--policy {}, which alone uses a table", PolicyName::Actor.name());
-            let names: Vec<_> = self.policy.iter().map(|policy| policy.name()).collect();
+            let expected = format!("--policy {}, which alone uses a table", actor::KIND.name);
+            let names: Vec<_> = self.policy.iter().map(|policy| policy.name).collect();
             let found = format!("only --policy {} beside it", names.join(", "));
             return Err(Error::input("--table", found, expected));
         }
@@ -116,8 +117,8 @@ impl RunOptions {
     /// # Errors
     /// The first that does not fit.
     pub fn prepare(&self) -> Result<PreparedRun> {
-        let source = MobilitySource::read(&self.mobility)?;
-        if let (MobilitySource::Trace(_), Some(vehicles)) = (&source, self.vehicles) {
+        let source = read_source(&self.mobility)?;
+        if let (Some(_), Some(vehicles)) = (source.duration_slots(), self.vehicles) {
             return Err(Error::input(
                 "--vehicles",
                 vehicles,
@@ -127,9 +128,9 @@ impl RunOptions {
         let scenario = self
             .scenario
             .read(self.vehicles.map(|vehicles| format!("cell.vehicles={vehicles}")))?;
-        let (worlds, slots) = match &source {
-            MobilitySource::Grid | MobilitySource::Streets(_) => (256, 2000),
-            MobilitySource::Trace(trace) => (8, trace.duration_slots().saturating_sub(self.warmup)),
+        let (worlds, slots) = match source.duration_slots() {
+            None => (256, 2000),
+            Some(slots) => (8, slots.saturating_sub(self.warmup)),
         };
         let extent = Extent {
             seed: self.seed,
@@ -137,8 +138,8 @@ impl RunOptions {
             slots: self.slots.unwrap_or(slots),
             warmup: self.warmup,
         };
-        source.check_slots(extent.slots_per_world())?;
-        source.check_places(&scenario)?;
+        check_slots(source.as_ref(), extent.slots_per_world())?;
+        source.check(&scenario)?;
         if extent.slots == 0 {
             return Err(Error::input(
                 "--warmup",
@@ -147,8 +148,8 @@ impl RunOptions {
             ));
         }
         let table = table_bytes(self.table.as_deref())?;
-        let asked = |policy: &PolicyName| self.policy.is_empty() || self.policy.contains(policy);
-        let policies: Vec<PolicyName> = PolicyName::ALL.into_iter().filter(asked).collect();
+        let asked = |kind: &&'static Kind| self.policy.is_empty() || self.policy.contains(kind);
+        let policies = KINDS.iter().copied().filter(asked).collect();
         let prepared = PreparedRun {
             scenario,
             source,
@@ -172,7 +173,7 @@ impl PreparedRun {
     pub fn simulation(&self) -> Simulation<'_> {
         Simulation {
             scenario: &self.scenario,
-            source: &self.source,
+            source: self.source.as_ref(),
             extent: self.extent,
         }
     }
@@ -197,12 +198,14 @@ impl PreparedRun {
         let progress = progress_bar(worlds, template, hide_progress);
         let mut results = Vec::new();
         for policy in &self.policies {
-            progress.set_message(policy.name());
+            progress.set_message(policy.name);
             let start = Instant::now();
-            let (ages, roads) = self.simulation().run_policy(*policy, &table, |cell| {
-                progress.inc(1);
-                traffic.road_ages(cell)
-            })?;
+            let (ages, roads) = self
+                .simulation()
+                .run_policy(policy, &table, |environment, world| {
+                    progress.inc(1);
+                    traffic.road_ages(environment, world)
+                })?;
             let slots = f64::from(self.extent.worlds) * f64::from(self.extent.slots_per_world());
             let slots_per_second = slots / start.elapsed().as_secs_f64();
             let roads: Option<Vec<_>> = roads.into_iter().collect();
@@ -210,7 +213,7 @@ impl PreparedRun {
                 .map(|roads| traffic.summary(ages.mean_ms, &roads))
                 .transpose()?;
             results.push(PolicyResult {
-                name: policy.name(),
+                name: policy.name,
                 ages,
                 traffic,
                 slots_per_second,
@@ -277,21 +280,7 @@ impl PreparedRun {
 
     /// What moves the vehicles, in a few words.
     pub fn mobility_name(&self) -> String {
-        match &self.source {
-            MobilitySource::Grid => {
-                let mobility = &self.scenario.mobility;
-                format!(
-                    "urban grid of {} x {} blocks",
-                    mobility.blocks_x, mobility.blocks_y
-                )
-            }
-            MobilitySource::Streets(map) => {
-                format!("network of {} roads", map.network().links().len())
-            }
-            MobilitySource::Trace(trace) => {
-                format!("SUMO floating-car data of {} vehicles", trace.vehicle_ids().len())
-            }
-        }
+        self.source.describe(&self.scenario)
     }
 
     /// One line on what was simulated.
@@ -302,21 +291,7 @@ impl PreparedRun {
             slots,
             warmup,
         } = self.extent;
-        let who = match &self.source {
-            MobilitySource::Grid => format!("{} vehicles", self.scenario.cell.vehicles),
-            MobilitySource::Streets(map) => format!(
-                "{} vehicles on {} roads of a network",
-                self.scenario.cell.vehicles,
-                map.network().links().len()
-            ),
-            MobilitySource::Trace(trace) => {
-                let (most, _) = trace.max_simultaneous();
-                format!(
-                    "{} vehicles of a trace, at most {most} at once,",
-                    trace.vehicle_ids().len()
-                )
-            }
-        };
+        let who = self.source.describe_vehicles(&self.scenario);
         let sub_channels = self.scenario.radio.sub_channels;
         format!(
             "{who} on {sub_channels} sub-channels, {worlds} worlds x {slots} slots after {warmup}, seed {seed}"

@@ -5,7 +5,7 @@ use super::image::Image;
 use crate::age::{AgeCounter, AgeSummary};
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::mobility::MobilitySource;
+use crate::mobility::Grid;
 use crate::scenario::Scenario;
 use crate::stream::{Purpose, Role, Stream};
 use firmware::decision::Decision;
@@ -72,7 +72,7 @@ impl Fleet<'_> {
     /// # Errors
     /// As [`Emulator::boot`], and if an image ends before its time.
     pub fn run(&self, mut each_slot: impl FnMut()) -> Result<FleetResult> {
-        let source = MobilitySource::Grid;
+        let source = Grid;
         let mut cell = Environment::new(self.scenario, &source, self.seed, Purpose::Evaluation, 0..1);
         let key = cell.keys()[0];
         let mut pairs = (0..self.units)
@@ -131,7 +131,7 @@ impl Fleet<'_> {
             ages.record(
                 cell.vectors(),
                 slot,
-                cell.present(),
+                cell.presence(),
                 cell.ages(),
                 cell.successes(),
             );

@@ -1,17 +1,18 @@
-//! Where vehicles are: on the urban grid or the streets of a loaded network for ever, or in a recorded trace for as long as
-//! it shows them.
+//! Where vehicles are: on the urban grid or the streets of a loaded network for ever, in a recorded trace for as long as it
+//! shows them, or wherever an outside program says.
 
 pub mod floating_car_data;
+mod recorded;
 mod streets;
 mod urban_grid;
 
 use crate::scenario::Scenario;
-use crate::stream::{Role, WorldKey};
-use floating_car_data::{Cursor, Trace};
+use crate::stream::WorldKey;
+use floating_car_data::Trace;
 use kit::error::{Error, Result};
 use std::path::Path;
-pub use streets::{Scale, StreetMap, Streets};
-pub use urban_grid::{Heading, UrbanGrid};
+pub use streets::{Scale, StreetMap};
+pub use urban_grid::{Grid, Heading};
 
 /// A vehicle's place in metres, in the coordinates of the base station: from the grid's south-west corner, or as in the trace.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,178 +25,153 @@ pub struct Place {
     pub moved_m: f64,
 }
 
-/// Where no vehicle has a chance of being heard (chosen).
-const REACH_M: f64 = 10_000.0;
-
-/// What moves the vehicles of every world.
-#[derive(Debug)]
-pub enum MobilitySource {
-    /// The scenario's urban grid, another in each world.
-    Grid,
-    /// The streets of a loaded network, with other vehicles on them in each world.
-    Streets(Box<StreetMap>),
-    /// A recorded trace, the same in each world.
-    Trace(Trace),
+/// The road that a vehicle drives on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Road {
+    /// A street of the urban grid, in this direction.
+    Street(Heading),
+    /// A link of the source's network, by its index.
+    Link(u32),
 }
 
-impl MobilitySource {
-    /// `grid`, or a file of SUMO floating-car data.
-    ///
-    /// # Errors
-    /// What is wrong with the file.
-    pub fn read(name: &str) -> Result<Self> {
-        if name == "grid" {
-            Ok(Self::Grid)
-        } else {
-            Trace::read(Path::new(name)).map(Self::Trace)
-        }
+/// What moves the vehicles of every world. Implement it to bring places of your own: [`MobilitySource::open`] begins a world.
+pub trait MobilitySource: Send + Sync + std::fmt::Debug {
+    /// One world's vehicles before their first update. A source that has to reach an outside program first may do so at that
+    /// update, which can fail.
+    fn open<'s>(&'s self, scenario: &'s Scenario, key: &WorldKey) -> Box<dyn Mobility + 's>;
+
+    /// Where they drive, in a few words.
+    fn describe(&self, scenario: &Scenario) -> String;
+
+    /// Who drives there, in a few words.
+    fn describe_vehicles(&self, scenario: &Scenario) -> String {
+        format!("{} vehicles", self.vehicles(scenario))
     }
+
+    /// How many vehicles ever appear in a world; their indices are below.
+    fn vehicles(&self, scenario: &Scenario) -> usize;
 
     /// The most vehicles at once.
-    pub fn most_vehicles(&self, scenario: &Scenario) -> usize {
-        match self {
-            Self::Grid | Self::Streets(_) => scenario.cell.vehicles as usize,
-            Self::Trace(trace) => trace.max_simultaneous().0,
-        }
-    }
-
-    /// How many vehicles ever appear.
-    pub fn vehicles(&self, scenario: &Scenario) -> usize {
-        match self {
-            Self::Grid | Self::Streets(_) => scenario.cell.vehicles as usize,
-            Self::Trace(trace) => trace.vehicle_ids().len(),
-        }
+    fn most_vehicles(&self, scenario: &Scenario) -> usize {
+        self.vehicles(scenario)
     }
 
     /// A vehicle's name.
-    pub fn vehicle_name(&self, vehicle: usize) -> String {
-        match self {
-            Self::Grid | Self::Streets(_) => vehicle.to_string(),
-            Self::Trace(trace) => trace.vehicle_ids()[vehicle].clone(),
-        }
+    fn vehicle_name(&self, vehicle: usize) -> String {
+        vehicle.to_string()
     }
 
-    /// Checks that the scenario replaces vehicles on the urban grid only, and that a trace passes the base station.
+    /// Whether worlds may have different vehicles in the same slot.
+    fn worlds_differ(&self) -> bool {
+        false
+    }
+
+    /// How many slots it moves vehicles for; `None` if for ever.
+    fn duration_slots(&self) -> Option<u32> {
+        None
+    }
+
+    /// Whether vehicles may be replaced at any slot ([`Mobility::replace`]).
+    fn replaces_vehicles(&self) -> bool {
+        false
+    }
+
+    /// The network that vehicles drive on, if they do.
+    fn streets(&self) -> Option<&StreetMap> {
+        None
+    }
+
+    /// Whether vehicles drive on the scenario's urban grid.
+    fn is_grid(&self) -> bool {
+        false
+    }
+
+    /// Checks that the source fits the scenario: it can replace vehicles if that asks for it, and its coordinates are those of the
+    /// base station.
     ///
     /// # Errors
-    /// [`Error::Input`] if the first is not so, or no vehicle ever comes within 10 km: the trace is then in other
-    /// coordinates.
-    pub fn check_places(&self, scenario: &Scenario) -> Result<()> {
-        let probability = scenario.cell.replacement_probability;
-        if probability > 0.0 && !matches!(self, Self::Grid) {
-            let expected = "0 but on the urban grid";
-            return Err(Error::input(
-                "cell.replacement_probability",
-                probability,
-                expected,
-            ));
-        }
-        let Self::Trace(trace) = self else { return Ok(()) };
-        let (x_m, y_m) = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
-        let mut cursor = trace.cursor();
-        let mut nearest_m = f64::INFINITY;
-        for slot in (0..=trace.duration_slots()).step_by(scenario.radio.slow_update_slots as usize) {
-            for (_, position) in cursor.advance_to(slot) {
-                nearest_m = nearest_m.min(libm::hypot(position.x_m - x_m, position.y_m - y_m));
-            }
-        }
-        if nearest_m <= REACH_M {
+    /// [`Error::Input`] if not.
+    fn check(&self, scenario: &Scenario) -> Result<()> {
+        if self.replaces_vehicles() {
             return Ok(());
         }
-        let expected =
-            format!("at most {REACH_M} m: set cell.base_station_x_m and _y_m in the trace's coordinates");
-        Err(Error::input(
-            "distance of the trace from the base station",
-            format!("{nearest_m:.0} m"),
-            expected,
-        ))
+        refuse_replacement(scenario)
     }
+}
 
-    /// Checks that the source moves vehicles for this many slots.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the trace is shorter.
-    pub fn check_slots(&self, slots: u32) -> Result<()> {
-        match self {
-            Self::Trace(trace) if slots > trace.duration_slots() => {
-                let expected = format!("at most {}, the length of the trace", trace.duration_slots());
-                Err(Error::input("warmup + slots", slots, expected))
-            }
-            _ => Ok(()),
-        }
+/// Checks that the scenario asks for no replacement of vehicles.
+fn refuse_replacement(scenario: &Scenario) -> Result<()> {
+    let probability = scenario.cell.replacement_probability;
+    if probability > 0.0 {
+        let expected = "0 but on the urban grid";
+        return Err(Error::input(
+            "cell.replacement_probability",
+            probability,
+            expected,
+        ));
     }
+    Ok(())
 }
 
 /// The moving vehicles of one world. A vehicle keeps its index for good; not every vehicle is always present.
-pub enum Mobility<'s> {
-    /// On the urban grid of 3GPP TR 36.885 A.1.2.
-    Grid(Box<UrbanGrid<'s>>),
-    /// On the streets of a loaded network.
-    Streets(Box<Streets<'s>>),
-    /// In a trace.
-    Trace {
-        /// The present step.
-        cursor: Cursor<'s>,
-        /// Every vehicle's last known coordinates.
-        last: Vec<Option<(f64, f64)>>,
-    },
+pub trait Mobility: Send + Sync {
+    /// Moves on to `slots` after the start and hands over every present vehicle with its place, by ascending index.
+    ///
+    /// # Errors
+    /// If an outside program does not answer as it should; vehicles then stay where they are.
+    fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()>;
+
+    /// Another vehicle takes a vehicle's index: its place. `None` where vehicles are not replaced.
+    fn replace(&mut self, _vehicle: usize) -> Option<Place> {
+        None
+    }
+
+    /// One more vehicle near a place, if there are fewer than `room`: its index. `None` where nobody may join.
+    fn join(&mut self, _x_m: f64, _y_m: f64, _room: usize) -> Option<usize> {
+        None
+    }
+
+    /// The road that a present vehicle drives on, where that is known.
+    fn road(&self, _vehicle: usize) -> Option<Road> {
+        None
+    }
+
+    /// Tells a vehicle to drive these links of the source's network, one after the other, from where it is.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a route that it cannot take, and from a source whose vehicles choose their ways alone.
+    fn take_route(&mut self, vehicle: usize, _links: &[u32]) -> Result<()> {
+        let found = "vehicles that choose their ways alone";
+        Err(Error::input(
+            format!("route of vehicle {vehicle}"),
+            found,
+            "a source that can be told routes",
+        ))
+    }
 }
 
-impl<'s> Mobility<'s> {
-    /// Vehicles at their starting places.
-    pub fn new(source: &'s MobilitySource, scenario: &'s Scenario, key: &WorldKey) -> Self {
-        match source {
-            MobilitySource::Grid => {
-                let stream = key.stream(Role::Mobility, 0);
-                Self::Grid(Box::new(UrbanGrid::new(
-                    &scenario.mobility,
-                    scenario.cell.vehicles,
-                    stream,
-                )))
-            }
-            MobilitySource::Streets(map) => {
-                let stream = key.stream(Role::Mobility, 0);
-                let vehicles = scenario.cell.vehicles;
-                Self::Streets(Box::new(Streets::new(map, &scenario.mobility, vehicles, stream)))
-            }
-            MobilitySource::Trace(trace) => Self::Trace {
-                cursor: trace.cursor(),
-                last: vec![None; trace.vehicle_ids().len()],
-            },
-        }
+/// The source of this name: `grid`, or a file of SUMO floating-car data.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn read_source(name: &str) -> Result<Box<dyn MobilitySource>> {
+    if name == "grid" {
+        Ok(Box::new(Grid))
+    } else {
+        Ok(Box::new(Trace::read(Path::new(name))?))
     }
+}
 
-    /// How many vehicles ever appear.
-    pub fn vehicles(&self) -> usize {
-        match self {
-            Self::Grid(grid) => grid.vehicles(),
-            Self::Streets(streets) => streets.vehicles(),
-            Self::Trace { last, .. } => last.len(),
+/// Checks that a source moves vehicles for so many slots.
+///
+/// # Errors
+/// [`Error::Input`] if it does not.
+pub fn check_slots(source: &dyn MobilitySource, slots: u32) -> Result<()> {
+    match source.duration_slots() {
+        Some(most) if slots > most => {
+            let expected = format!("at most {most}, the length of the trace");
+            Err(Error::input("warmup + slots", slots, expected))
         }
-    }
-
-    /// Another vehicle takes a vehicle's index; its place. Only on the urban grid are vehicles replaced.
-    pub fn replace(&mut self, vehicle: usize) -> Option<Place> {
-        match self {
-            Self::Grid(grid) => Some(grid.replace(vehicle)),
-            Self::Streets(_) | Self::Trace { .. } => None,
-        }
-    }
-
-    /// Moves on to `slots` after the start and hands over every present vehicle with its place, by ascending index.
-    pub fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) {
-        match self {
-            Self::Grid(grid) => grid.advance(slots, places),
-            Self::Streets(streets) => streets.advance(slots, places),
-            Self::Trace { cursor, last } => {
-                places.clear();
-                for (vehicle, position) in cursor.advance_to(slots) {
-                    let (x_m, y_m) = (position.x_m, position.y_m);
-                    let moved_m = last[vehicle].map_or(0.0, |(x, y)| libm::hypot(x_m - x, y_m - y));
-                    last[vehicle] = Some((x_m, y_m));
-                    places.push((vehicle, Place { x_m, y_m, moved_m }));
-                }
-            }
-        }
+        _ => Ok(()),
     }
 }

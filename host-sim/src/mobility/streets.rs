@@ -1,9 +1,9 @@
 //! Vehicles on the streets of a loaded network. Each makes one trip after the other: it follows a path of the traffic
 //! equilibrium, chosen in proportion to the path's flow, along straight lines between the nodes.
 
-use super::Place;
+use super::{Mobility, MobilitySource, Place, Road};
 use crate::scenario::{MobilityScenario, Scenario};
-use crate::stream::Stream;
+use crate::stream::{Role, Stream, WorldKey};
 use assignment::coordinates::{LengthUnit, NodePlaces};
 use assignment::{Demand, Network, Options, PathFlow, assign};
 use kit::error::{Error, Result};
@@ -193,8 +193,36 @@ struct Vehicle {
     speed_m_per_s: f64,
 }
 
+impl MobilitySource for StreetMap {
+    fn open<'s>(&'s self, scenario: &'s Scenario, key: &WorldKey) -> Box<dyn Mobility + 's> {
+        let stream = key.stream(Role::Mobility, 0);
+        let vehicles = scenario.cell.vehicles;
+        Box::new(Streets::new(self, &scenario.mobility, vehicles, stream))
+    }
+
+    fn describe(&self, _scenario: &Scenario) -> String {
+        format!("network of {} roads", self.network.links().len())
+    }
+
+    fn describe_vehicles(&self, scenario: &Scenario) -> String {
+        let roads = self.network.links().len();
+        format!(
+            "{} vehicles on {roads} roads of a network",
+            scenario.cell.vehicles
+        )
+    }
+
+    fn vehicles(&self, scenario: &Scenario) -> usize {
+        scenario.cell.vehicles as usize
+    }
+
+    fn streets(&self) -> Option<&StreetMap> {
+        Some(self)
+    }
+}
+
 /// Vehicles on the streets of a map.
-pub struct Streets<'s> {
+struct Streets<'s> {
     map: &'s StreetMap,
     vehicles: Vec<Vehicle>,
     stream: Stream,
@@ -203,7 +231,7 @@ pub struct Streets<'s> {
 
 impl<'s> Streets<'s> {
     /// As many vehicles as the cell has, each somewhere on a trip, with a uniformly drawn speed.
-    pub fn new(map: &'s StreetMap, scenario: &MobilityScenario, vehicles: u32, mut stream: Stream) -> Self {
+    fn new(map: &'s StreetMap, scenario: &MobilityScenario, vehicles: u32, mut stream: Stream) -> Self {
         let vehicles = (0..vehicles)
             .map(|_| {
                 let trip = map.draw_any(&mut stream);
@@ -228,19 +256,15 @@ impl<'s> Streets<'s> {
         }
     }
 
-    /// How many vehicles drive.
-    pub fn vehicles(&self) -> usize {
-        self.vehicles.len()
-    }
-
     /// The link that a vehicle drives on.
-    pub fn link(&self, vehicle: usize) -> u32 {
+    fn link(&self, vehicle: usize) -> u32 {
         let Vehicle { trip, leg, .. } = self.vehicles[vehicle];
         self.map.trips[trip].links[leg]
     }
+}
 
-    /// Drives on to `slots` after the start.
-    pub fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) {
+impl Mobility for Streets<'_> {
+    fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
         let seconds = f64::from(slots - self.slots) / 1000.0;
         self.slots = slots;
         places.clear();
@@ -260,6 +284,11 @@ impl<'s> Streets<'s> {
             };
             places.push((index, place));
         }
+        Ok(())
+    }
+
+    fn road(&self, vehicle: usize) -> Option<Road> {
+        Some(Road::Link(self.link(vehicle)))
     }
 }
 

@@ -2,9 +2,41 @@
 //! that turn at crossings. The outermost streets carry only the lanes on the grid's side, and a vehicle that reaches
 //! the edge goes on along it, so the number of vehicles stays the same.
 
-use super::Place;
-use crate::scenario::MobilityScenario;
-use crate::stream::Stream;
+use super::{Mobility, MobilitySource, Place, Road};
+use crate::scenario::{MobilityScenario, Scenario};
+use crate::stream::{Role, Stream, WorldKey};
+use kit::error::Result;
+
+/// The scenario's urban grid, with other vehicles on it in each world.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Grid;
+
+impl MobilitySource for Grid {
+    fn open<'s>(&'s self, scenario: &'s Scenario, key: &WorldKey) -> Box<dyn Mobility + 's> {
+        let stream = key.stream(Role::Mobility, 0);
+        Box::new(UrbanGrid::new(&scenario.mobility, scenario.cell.vehicles, stream))
+    }
+
+    fn describe(&self, scenario: &Scenario) -> String {
+        let mobility = &scenario.mobility;
+        format!(
+            "urban grid of {} x {} blocks",
+            mobility.blocks_x, mobility.blocks_y
+        )
+    }
+
+    fn vehicles(&self, scenario: &Scenario) -> usize {
+        scenario.cell.vehicles as usize
+    }
+
+    fn replaces_vehicles(&self) -> bool {
+        true
+    }
+
+    fn is_grid(&self) -> bool {
+        true
+    }
+}
 
 /// The way a vehicle drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +78,7 @@ struct Vehicle {
 }
 
 /// Vehicles on the grid.
-pub struct UrbanGrid<'s> {
+struct UrbanGrid<'s> {
     scenario: &'s MobilityScenario,
     /// Coordinates across each heading's lanes, ascending.
     lanes: [Vec<f64>; 4],
@@ -57,7 +89,7 @@ pub struct UrbanGrid<'s> {
 
 impl<'s> UrbanGrid<'s> {
     /// `count` vehicles, each on a uniformly drawn heading, lane and place, with a uniformly drawn speed.
-    pub fn new(scenario: &'s MobilityScenario, count: u32, mut stream: Stream) -> Self {
+    fn new(scenario: &'s MobilityScenario, count: u32, mut stream: Stream) -> Self {
         let lanes = Heading::ALL.map(|heading| lanes(scenario, heading));
         let vehicles = (0..count)
             .map(|_| Vehicle::draw(scenario, &lanes, &mut stream))
@@ -70,9 +102,32 @@ impl<'s> UrbanGrid<'s> {
             slots: 0,
         }
     }
+}
 
-    /// One more vehicle, on the lane nearest to a place, with a uniformly drawn speed; its index.
-    pub fn join(&mut self, x_m: f64, y_m: f64) -> usize {
+impl Mobility for UrbanGrid<'_> {
+    fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
+        let seconds = f64::from(slots - self.slots) / 1000.0;
+        self.slots = slots;
+        places.clear();
+        for (index, vehicle) in self.vehicles.iter_mut().enumerate() {
+            vehicle.moved_m = vehicle.speed_m_per_s * seconds;
+            drive(vehicle, self.scenario, &self.lanes, &mut self.stream);
+            places.push((index, vehicle.place()));
+        }
+        Ok(())
+    }
+
+    /// Anywhere on the grid.
+    fn replace(&mut self, vehicle: usize) -> Option<Place> {
+        self.vehicles[vehicle] = Vehicle::draw(self.scenario, &self.lanes, &mut self.stream);
+        Some(self.vehicles[vehicle].place())
+    }
+
+    /// On the lane nearest to the place, with a uniformly drawn speed.
+    fn join(&mut self, x_m: f64, y_m: f64, room: usize) -> Option<usize> {
+        if self.vehicles.len() >= room {
+            return None;
+        }
         let lanes = Heading::ALL.into_iter().flat_map(|heading| {
             let (across, along) = if heading.along_y() { (x_m, y_m) } else { (y_m, x_m) };
             let lanes = self.lanes[heading as usize].iter();
@@ -90,35 +145,11 @@ impl<'s> UrbanGrid<'s> {
             speed_m_per_s: self.stream.uniform_between(slowest, fastest),
             moved_m: 0.0,
         });
-        self.vehicles.len() - 1
+        Some(self.vehicles.len() - 1)
     }
 
-    /// How many vehicles drive.
-    pub fn vehicles(&self) -> usize {
-        self.vehicles.len()
-    }
-
-    /// Where a vehicle heads.
-    pub fn heading(&self, vehicle: usize) -> Heading {
-        self.vehicles[vehicle].heading
-    }
-
-    /// Drives on to `slots` after the start.
-    pub fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) {
-        let seconds = f64::from(slots - self.slots) / 1000.0;
-        self.slots = slots;
-        places.clear();
-        for (index, vehicle) in self.vehicles.iter_mut().enumerate() {
-            vehicle.moved_m = vehicle.speed_m_per_s * seconds;
-            drive(vehicle, self.scenario, &self.lanes, &mut self.stream);
-            places.push((index, vehicle.place()));
-        }
-    }
-
-    /// Another vehicle takes a vehicle's index, anywhere on the grid.
-    pub fn replace(&mut self, vehicle: usize) -> Place {
-        self.vehicles[vehicle] = Vehicle::draw(self.scenario, &self.lanes, &mut self.stream);
-        self.vehicles[vehicle].place()
+    fn road(&self, vehicle: usize) -> Option<Road> {
+        Some(Road::Street(self.vehicles[vehicle].heading))
     }
 }
 
@@ -247,7 +278,7 @@ fn lanes(scenario: &MobilityScenario, heading: Heading) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::scenario::ScenarioSource;
-    use crate::stream::{Purpose, Role, WorldKey};
+    use crate::stream::Purpose;
 
     #[test]
     fn lanes_are_those_of_the_urban_case() {
@@ -280,14 +311,14 @@ mod tests {
         };
         let mut grid = UrbanGrid::new(&scenario, 200, key.stream(Role::Mobility, 0));
         let mut places = Vec::new();
-        grid.advance(0, &mut places);
+        grid.advance(0, &mut places).unwrap();
         let mut previous = places.clone();
         let mut turns = 0;
         for update in 1..=2000 {
-            let headings: Vec<_> = (0..200).map(|v| grid.heading(v)).collect();
-            grid.advance(update * 100, &mut places);
+            let headings: Vec<_> = (0..200).map(|v| grid.vehicles[v].heading).collect();
+            grid.advance(update * 100, &mut places).unwrap();
             for (v, place) in &places {
-                let heading = grid.heading(*v);
+                let heading = grid.vehicles[*v].heading;
                 turns += u32::from(heading != headings[*v]);
                 let across = if heading.along_y() { place.x_m } else { place.y_m };
                 assert!(

@@ -1,23 +1,44 @@
-//! Slotted ALOHA, and ALOHA from an age threshold on (Atabay et al. 2020; Yavascan and Uysal 2021): a random sub-channel
-//! at full power.
+//! Slotted ALOHA: a random sub-channel at full power.
 
-use super::{Policy, below, dbm};
-use crate::decisions::{Decisions, SILENT};
-use crate::environment::Environment;
-use crate::lanes::{LANES, LaneStream, unit_interval};
-use crate::scenario::Scenario;
+use super::{Decider, Kind, Needs, Policy, below, dbm};
+use crate::decisions::{SILENT, VehicleDecisions};
+use crate::lanes::{LANES, LaneStream, Row, unit_interval};
+use crate::senses::{Broadcasts, Senses};
 use firmware::units::Dbm;
 
+/// Everybody sends with one probability in every slot.
+pub static KIND: Kind = Kind {
+    name: "aloha",
+    meaning: "Slotted ALOHA: everybody sends by chance, as often as the sub-channels bear.",
+    stream: 4,
+    needs: Needs::Nothing,
+    build: |setup, _| {
+        Decider::Policy(Box::new(Aloha {
+            max_power: dbm(setup.scenario.radio.max_power_dbm),
+            sub_channels: setup.scenario.radio.sub_channels,
+            rule: Rule::Load(setup.scenario.baselines.aloha_load),
+            streams: setup.row_streams(KIND.stream),
+            least_age: [0; LANES],
+            probability: [0.0; LANES],
+        }))
+    },
+};
+
 /// ALOHA of both kinds: from an age on, everybody sends with one probability.
-pub struct Aloha {
-    max_power: Dbm,
-    rule: Rule,
+pub(super) struct Aloha {
+    pub(super) max_power: Dbm,
+    pub(super) sub_channels: u32,
+    pub(super) rule: Rule,
     /// By block of worlds.
-    streams: Vec<LaneStream>,
+    pub(super) streams: Vec<LaneStream>,
+    /// In slots, of the block in work.
+    pub(super) least_age: Row<u8>,
+    /// Of sending from that age on, of the block in work.
+    pub(super) probability: Row<f32>,
 }
 
 /// Who sends.
-enum Rule {
+pub(super) enum Rule {
     /// Everybody, so often that this many send on each sub-channel.
     Load(f64),
     /// Whoever is older than this many times the vehicles on each sub-channel.
@@ -25,59 +46,55 @@ enum Rule {
 }
 
 impl Aloha {
-    /// Sends with one probability in every slot.
-    pub fn slotted(scenario: &Scenario, streams: Vec<LaneStream>) -> Self {
-        Self {
-            max_power: dbm(scenario.radio.max_power_dbm),
-            rule: Rule::Load(scenario.baselines.aloha_load),
-            streams,
-        }
-    }
-
-    /// Sends with one probability once its age has reached the threshold.
-    pub fn from_age(scenario: &Scenario, streams: Vec<LaneStream>) -> Self {
-        let baselines = &scenario.baselines;
-        Self {
-            max_power: dbm(scenario.radio.max_power_dbm),
-            rule: Rule::Threshold {
-                load: baselines.age_threshold_load,
-                probability: baselines.age_threshold_probability,
-            },
-            streams,
+    /// The least age at which a vehicle sends, and how probably it then does.
+    fn rule(&self, vehicles: usize) -> (u8, f32) {
+        let sub_channels = f64::from(self.sub_channels);
+        match self.rule {
+            Rule::Load(load) => (0, (load * sub_channels / vehicles.max(1) as f64) as f32),
+            Rule::Threshold { load, probability } => {
+                let threshold = (load * vehicles as f64 / sub_channels).round();
+                (threshold.min(255.0) as u8, probability as f32)
+            }
         }
     }
 }
 
 impl Policy for Aloha {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        let (present, sub_channels) = (environment.present(), environment.sub_channels());
-        let vehicles = present.len().max(1) as f64;
-        let (least_age, probability) = match self.rule {
-            Rule::Load(load) => (0, load * sub_channels as f64 / vehicles),
-            Rule::Threshold { load, probability } => {
-                let threshold = (load * present.len() as f64 / sub_channels as f64).round();
-                (threshold.min(255.0) as u8, probability)
+    fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
+        let mut last = None;
+        for lane in 0..broadcasts.worlds() {
+            let vehicles = broadcasts.vehicles(lane);
+            if last != Some(vehicles) {
+                // Worlds behind this one mostly have as many.
+                let (least_age, probability) = self.rule(vehicles);
+                self.least_age[lane..].fill(least_age);
+                self.probability[lane..].fill(probability);
+                last = Some(vehicles);
             }
-        };
-        let probability = probability as f32;
-        for (block, stream) in self.streams.iter_mut().enumerate() {
-            environment.vectors().run(
-                #[inline(always)]
-                || {
-                    for &vehicle in present {
-                        let ages = environment.ages().row(block, vehicle);
-                        let (sub_channel, power) = decisions.rows_mut(block, vehicle);
-                        let drawn = below(stream.next_row(), sub_channels as u32);
-                        let words = stream.next_row();
-                        for lane in 0..LANES {
-                            let sends =
-                                (unit_interval(words[lane]) < probability) & (ages[lane] >= least_age);
-                            sub_channel[lane] = if sends { drawn[lane] } else { SILENT };
-                        }
-                        *power = [self.max_power.to_bits(); LANES];
-                    }
-                },
-            );
         }
+    }
+
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+        let Self {
+            sub_channels,
+            least_age,
+            probability,
+            ..
+        } = self;
+        let stream = &mut self.streams[senses.block()];
+        senses.vectors().run(
+            #[inline(always)]
+            || {
+                let ages = senses.ages();
+                let drawn = below(stream.next_row(), *sub_channels);
+                let words = stream.next_row();
+                for lane in 0..LANES {
+                    let sends =
+                        (unit_interval(words[lane]) < probability[lane]) & (ages[lane] >= least_age[lane]);
+                    decisions.sub_channel[lane] = if sends { drawn[lane] } else { SILENT };
+                }
+                *decisions.power = [self.max_power.to_bits(); LANES];
+            },
+        );
     }
 }

@@ -1,17 +1,25 @@
 //! The central scheduler: it sees every gain of the slot and every age, which no real base station can.
 
-use super::{Policy, dbm};
+use super::{Decider, Kind, Needs, Oracle, dbm};
 use crate::decisions::Decisions;
-use crate::environment::Environment;
 use crate::lanes::{LANES, Row};
 use crate::scenario::Scenario;
+use crate::truth::{Knowledge, Truth};
 use firmware::units::Dbm;
 
 /// Greedy by age: the oldest vehicle first, on its best free sub-channel that carries C_min, at full power.
-pub struct Central {
+pub static KIND: Kind = Kind {
+    name: "central",
+    meaning: "A scheduler that knows everything: the oldest vehicles first, each on its best free sub-channel.",
+    stream: 1,
+    needs: Needs::Nothing,
+    build: |setup, _| Decider::Oracle(Box::new(Central::new(setup.scenario))),
+};
+
+struct Central {
     max_power: Dbm,
     required_db: f32,
-    /// Rank of every present vehicle: the older, then the lower index; 0 once it was served. `[present vehicle]`, of one
+    /// Rank of every present vehicle: the older, then the lower index; 0 once it was served, and where it is absent. `[present vehicle]`, of one
     /// block of worlds.
     ranks: Vec<Row<u32>>,
     /// Whether a sub-channel is free. `[sub_channel]`, of one block of worlds.
@@ -19,8 +27,7 @@ pub struct Central {
 }
 
 impl Central {
-    /// The scheduler in this scenario.
-    pub fn new(scenario: &Scenario) -> Self {
+    fn new(scenario: &Scenario) -> Self {
         let required_db = 10.0 * libm::log10(scenario.radio.required_sinr());
         // Room for the rounding of gains between dB and ratios.
         Self {
@@ -60,27 +67,36 @@ fn index(rank: u32) -> usize {
     (u32::from(u16::MAX) - (rank & u32::from(u16::MAX))) as usize
 }
 
-impl Policy for Central {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        let (present, sub_channels) = (environment.present(), environment.sub_channels());
-        let (ages, gains_db) = (environment.ages(), environment.gains_db());
+impl Oracle for Central {
+    fn decide(&mut self, truth: &Truth<'_>, decisions: &mut Decisions) {
+        let Knowledge {
+            presence,
+            sub_channels,
+            ages,
+            worlds,
+            vectors,
+            ..
+        } = truth.known;
+        let (present, gains_db) = (presence.vehicles(), truth.gains_db);
         for block in 0..ages.blocks() {
             self.ranks.clear();
             self.ranks
                 .extend(present.iter().enumerate().map(|(index, &vehicle)| {
                     let ages = ages.row(block, vehicle);
-                    std::array::from_fn(|lane| rank(ages[lane], index))
+                    let here = presence.rows().map(|here| here.row(block, vehicle));
+                    let here = |lane: usize| here.is_none_or(|here| here[lane] > 0);
+                    std::array::from_fn(|lane| if here(lane) { rank(ages[lane], index) } else { 0 })
                 }));
             self.free.fill([true; LANES]);
-            let lanes = (environment.worlds() - block * LANES).min(LANES);
+            let lanes = (worlds - block * LANES).min(LANES);
             let mut unserved = [sub_channels; LANES];
             for _ in 0..present.len() {
-                let first = environment.vectors().run(
+                let first = vectors.run(
                     #[inline(always)]
                     || self.take_first(),
                 );
                 for lane in 0..lanes {
-                    if unserved[lane] == 0 {
+                    if unserved[lane] == 0 || first[lane] == 0 {
                         continue;
                     }
                     let vehicle = present[index(first[lane])];

@@ -5,40 +5,39 @@
 //! lost its turn joins anew: with the broadcast probability, drawn from its own fading, at one of four received levels,
 //! chosen low so that a vehicle in its turn captures the receiver.
 
-use super::{Policy, power_plan};
-use crate::decisions::Decisions;
-use crate::environment::Environment;
-use crate::scenario::Scenario;
+use super::{Decider, Kind, Needs, Policy, power_plan};
+use crate::decisions::VehicleDecisions;
+use crate::senses::Senses;
 use firmware::decision::{Action, JOINER_LEVELS, PowerPlan};
 use firmware::observation::Observation;
 use firmware::units::Level;
 
 /// The clock for all vehicles.
-pub struct Clock {
+pub static KIND: Kind = Kind {
+    name: "clock",
+    meaning: "The AoI clock, the rules that the network imitates: a vehicle sends when its age is a multiple of its period.",
+    stream: 2,
+    needs: Needs::Groups,
+    build: |setup, _| {
+        Decider::Policy(Box::new(Clock {
+            power_plan: power_plan(setup.scenario),
+            required: setup.scenario.radio.required_level(),
+        }))
+    },
+};
+
+struct Clock {
     power_plan: PowerPlan,
     required: Level,
 }
 
-impl Clock {
-    /// The clock in this scenario.
-    pub fn new(scenario: &Scenario) -> Self {
-        Self {
-            power_plan: power_plan(scenario),
-            required: scenario.radio.required_level(),
-        }
-    }
-}
-
 impl Policy for Clock {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        for &vehicle in environment.present() {
-            for world in 0..environment.worlds() {
-                let Some(measurement) = environment.measurement(world, vehicle) else {
-                    continue;
-                };
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+        for lane in 0..senses.worlds() {
+            if let Some(measurement) = senses.measurement(lane) {
                 let observation = Observation::new(&measurement);
                 let action = act(&observation, self.required);
-                decisions.set(world, vehicle, self.power_plan.decision(action, &observation));
+                decisions.set(lane, self.power_plan.decision(action, &observation));
             }
         }
     }

@@ -1,86 +1,183 @@
 //! Who decides: the firmware's actor, simple baselines, and the central scheduler as the bound in practice.
+//!
+//! A policy is one file here and one line in [`kinds!`]. Three sorts of deciders differ in what they may know, by type:
+//! a decentralised [`Policy`] gets what each vehicle [senses](crate::senses), a [`Scheduler`] what a base station
+//! [knows](Knowledge), an [`Oracle`] the [truth](Truth).
 
-pub mod actor;
-mod aloha;
-mod always;
-mod central;
-pub mod clock;
-
-use crate::decisions::Decisions;
-use crate::environment::Environment;
+use crate::decisions::{Decisions, VehicleDecisions};
 use crate::lanes::{LANES, LaneStream, Row};
 use crate::scenario::Scenario;
-use crate::stream::Role;
+use crate::senses::{Broadcasts, Senses};
+use crate::stream::{Role, Stream, WorldKey};
+use crate::truth::{Knowledge, Truth};
 use firmware::decision::PowerPlan;
 use firmware::table::Table;
 use firmware::units::{Dbm, Level, SUB_CHANNELS};
+use kit::choice::Choice;
 use kit::error::{Error, Result};
 
-/// Decides for all vehicles of a batch of worlds.
+/// Declares the files of policies and lists their kinds, in the order of help and reports.
+macro_rules! kinds {
+    ($($policy:ident)*) => {
+        $(pub mod $policy;)*
+
+        /// Every policy, in the order of help and reports.
+        pub static KINDS: &[&Kind] = &[$(&$policy::KIND),*];
+    };
+}
+
+// A policy: its file, and its line here.
+kinds! {
+    actor
+    central
+    clock
+    age_threshold
+    aloha
+    random
+    always
+}
+
+/// A decentralised policy: every vehicle decides from what it alone senses.
 pub trait Policy {
-    /// Writes the present vehicles' decisions, which are all silent beforehand.
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions);
+    /// Hears what is broadcast to everybody in a row of worlds, before their vehicles decide.
+    fn hear(&mut self, _broadcasts: &Broadcasts<'_>) {}
+
+    /// Writes what one vehicle does in a row of worlds; it is silent beforehand.
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>);
 }
 
-/// The policies by their names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
-pub enum PolicyName {
-    /// The frozen int8 network, one in each vehicle, on the firmware's own code.
-    Actor,
-    /// A scheduler that knows everything: the oldest vehicles first, each on its best free sub-channel.
-    Central,
-    /// The AoI clock, the rules that the network imitates: a vehicle sends when its age is a multiple of its period.
-    Clock,
-    /// Slotted ALOHA of those whose age has reached a threshold.
-    AgeThreshold,
-    /// Slotted ALOHA: everybody sends by chance, as often as the sub-channels bear.
-    Aloha,
-    /// A random sub-channel and a random power in every slot.
-    Random,
-    /// Full power on the best sub-channel in every slot.
-    Always,
+/// A base station that decides for everybody, from what it knows.
+pub trait Scheduler {
+    /// Writes everybody's decisions, which are all silent beforehand.
+    fn decide(&mut self, known: &Knowledge<'_>, decisions: &mut Decisions);
 }
 
-impl PolicyName {
-    /// All of them.
-    pub const ALL: [Self; 7] = [
-        Self::Actor,
-        Self::Central,
-        Self::Clock,
-        Self::AgeThreshold,
-        Self::Aloha,
-        Self::Random,
-        Self::Always,
-    ];
+/// Somebody who knows what nobody in the cell knows: a bound for those who must do without.
+pub trait Oracle {
+    /// Writes everybody's decisions, which are all silent beforehand.
+    fn decide(&mut self, truth: &Truth<'_>, decisions: &mut Decisions);
+}
 
+/// Whoever decides for a batch of worlds.
+pub enum Decider<'t> {
+    /// Every vehicle for itself.
+    Policy(Box<dyn Policy + 't>),
+    /// A base station.
+    Scheduler(Box<dyn Scheduler + 't>),
+    /// The truth.
+    Oracle(Box<dyn Oracle + 't>),
+}
+
+/// A kind of decider.
+#[derive(Debug)]
+pub struct Kind {
     /// The name on the command line and in results.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Actor => "actor",
-            Self::Central => "central",
-            Self::Clock => "clock",
-            Self::AgeThreshold => "age-threshold",
-            Self::Aloha => "aloha",
-            Self::Random => "random",
-            Self::Always => "always",
+    pub name: &'static str,
+    /// What it does, in one sentence.
+    pub meaning: &'static str,
+    /// Number of its random streams: another for every policy, and never changed, so that no policy's bytes depend on which
+    /// others there are.
+    pub stream: u32,
+    /// What it does not work without.
+    pub needs: Needs,
+    /// Makes it for a batch of worlds. The table is the actor's.
+    pub build: for<'t> fn(&Setup<'_>, &'t Table<'t>) -> Decider<'t>,
+}
+
+/// What a kind of decider does not work without.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing besides the cell.
+    Nothing,
+    /// The base station's groups, which reach 100 members each, and their broadcasts.
+    Groups,
+    /// Groups, and a weight table made for the scenario.
+    Table,
+}
+
+impl PartialEq for Kind {
+    fn eq(&self, other: &Self) -> bool {
+        self.stream == other.stream
+    }
+}
+
+impl Eq for Kind {}
+
+impl Choice for &'static Kind {
+    const ALL: &'static [Self] = KINDS;
+
+    fn name(self) -> &'static str {
+        self.name
+    }
+
+    fn meaning(self) -> &'static str {
+        self.meaning
+    }
+}
+
+/// What a decider of a batch of worlds is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup<'e> {
+    /// The cell.
+    pub scenario: &'e Scenario,
+    /// How many vehicles there is room for; their indices are below.
+    pub vehicles: usize,
+    /// The most vehicles at once.
+    pub most_vehicles: usize,
+    /// Known here alone: whoever has a world's key can draw its channel.
+    keys: &'e [WorldKey],
+}
+
+impl<'e> Setup<'e> {
+    pub(crate) fn new(
+        scenario: &'e Scenario,
+        keys: &'e [WorldKey],
+        vehicles: usize,
+        most_vehicles: usize,
+    ) -> Self {
+        Self {
+            scenario,
+            vehicles,
+            most_vehicles,
+            keys,
         }
     }
 
-    /// Whether it decides by a weight table.
-    pub const fn uses_table(self) -> bool {
-        matches!(self, Self::Actor)
+    /// How many worlds.
+    pub fn worlds(&self) -> usize {
+        self.keys.len()
     }
 
-    /// Whether vehicles need the base station's groups, which reach 100 members each.
-    const fn needs_groups(self) -> bool {
-        matches!(self, Self::Actor | Self::Clock)
+    /// Random streams of one number for rows of worlds, by row: a policy's own ([`Kind::stream`]).
+    pub fn row_streams(&self, number: u32) -> Vec<LaneStream> {
+        let rows = self.keys.chunks(LANES);
+        rows.map(|keys| LaneStream::new(keys.iter().copied(), Role::Policy, number))
+            .collect()
+    }
+
+    /// A random stream of one number for each world.
+    pub fn streams(&self, number: u32) -> impl Iterator<Item = Stream> + '_ {
+        self.keys.iter().map(move |key| key.stream(Role::Policy, number))
+    }
+
+    /// The stream that a vehicle's unit draws its back-off from.
+    pub fn back_off(&self, world: usize, vehicle: usize) -> Stream {
+        self.keys[world].stream(Role::BackOff, vehicle as u32)
+    }
+}
+
+impl Kind {
+    /// Whether it decides by a weight table.
+    pub fn uses_table(&self) -> bool {
+        self.needs == Needs::Table
     }
 
     /// Checks that the policy can serve a cell of at most `vehicles` at once.
     ///
     /// # Errors
     /// [`Error::Input`] names the limit that is exceeded, or the table's property that does not fit the scenario.
-    pub fn check(self, scenario: &Scenario, vehicles: usize, table: &Table<'_>) -> Result<()> {
+    pub fn check(&self, scenario: &Scenario, vehicles: usize, table: &Table<'_>) -> Result<()> {
+        let needs_groups = self.needs != Needs::Nothing;
         if self.uses_table() {
             let most = usize::from(table.max_vehicles());
             if vehicles > most {
@@ -109,38 +206,19 @@ impl PolicyName {
             }
         }
         let sub_channels = scenario.radio.sub_channels as usize;
-        if self.needs_groups() && sub_channels != SUB_CHANNELS {
+        if needs_groups && sub_channels != SUB_CHANNELS {
             let expected = format!(
                 "{SUB_CHANNELS}, which units are built for, for policy {}",
-                self.name()
+                self.name
             );
             return Err(Error::input("radio.sub_channels", sub_channels, expected));
         }
         let most = SUB_CHANNELS * 100;
-        if self.needs_groups() && vehicles > most {
-            let expected = format!("at most {most}: groups of 100 for policy {}", self.name());
+        if needs_groups && vehicles > most {
+            let expected = format!("at most {most}: groups of 100 for policy {}", self.name);
             return Err(Error::input("vehicles", vehicles, expected));
         }
         Ok(())
-    }
-
-    /// The policy for a batch of worlds.
-    pub fn build<'t>(self, environment: &Environment<'_>, table: &'t Table<'t>) -> Box<dyn Policy + 't> {
-        let scenario = environment.scenario();
-        let streams = || {
-            let rows = environment.keys().chunks(LANES);
-            rows.map(|keys| LaneStream::new(keys.iter().copied(), Role::Policy, self as u32))
-                .collect()
-        };
-        match self {
-            Self::Actor => actor::build(environment, std::slice::from_ref(table)),
-            Self::Central => Box::new(central::Central::new(scenario)),
-            Self::Clock => Box::new(clock::Clock::new(scenario)),
-            Self::AgeThreshold => Box::new(aloha::Aloha::from_age(scenario, streams())),
-            Self::Aloha => Box::new(aloha::Aloha::slotted(scenario, streams())),
-            Self::Random => Box::new(always::Random::new(scenario, streams())),
-            Self::Always => Box::new(always::Always::new(scenario)),
-        }
     }
 }
 

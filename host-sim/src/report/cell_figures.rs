@@ -3,8 +3,7 @@
 use super::chart::{MapChart, OccupancyChart, OccupancyGroup, SlotUse};
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::mobility::MobilitySource;
-use crate::policy::{Policy, PolicyName};
+use crate::policy::{Decider, Kind};
 use crate::simulation::{Simulation, run_slot};
 use crate::stream::Purpose;
 use firmware::table::Table;
@@ -30,7 +29,7 @@ const SQUARE_M: f64 = 14.0;
 /// If a figure cannot show its values.
 pub fn files(
     simulation: &Simulation<'_>,
-    policies: &[PolicyName],
+    policies: &[&'static Kind],
     table: &Table<'_>,
 ) -> Result<Vec<NamedText>> {
     let mut files = Vec::new();
@@ -40,7 +39,9 @@ pub fn files(
             occupancy(simulation, policies, table).to_svg()?,
         ));
     }
-    if let (MobilitySource::Grid, Some(&policy)) = (simulation.source, policies.first()) {
+    if let Some(&policy) = policies.first()
+        && simulation.source.is_grid()
+    {
         files.push((
             "age_map.svg".to_owned(),
             age_map(simulation, policy, table).to_svg()?,
@@ -52,22 +53,22 @@ pub fn files(
 /// Worlds of a simulation at their start with a policy for them.
 fn start<'s>(
     simulation: &Simulation<'s>,
-    policy: PolicyName,
+    policy: &Kind,
     table: &'s Table<'s>,
     worlds: u64,
-) -> (Environment<'s>, Box<dyn Policy + 's>, Decisions) {
+) -> (Environment<'s>, Decider<'s>, Decisions) {
     let Simulation {
         scenario,
         source,
         extent,
     } = *simulation;
     let environment = Environment::new(scenario, source, extent.seed, Purpose::Evaluation, 0..worlds);
-    let policy = policy.build(&environment, table);
+    let decider = (policy.build)(&environment.setup(), table);
     let decisions = Decisions::new(environment.worlds(), environment.vehicles());
-    (environment, policy, decisions)
+    (environment, decider, decisions)
 }
 
-fn occupancy(simulation: &Simulation<'_>, policies: &[PolicyName], table: &Table<'_>) -> OccupancyChart {
+fn occupancy(simulation: &Simulation<'_>, policies: &[&'static Kind], table: &Table<'_>) -> OccupancyChart {
     let extent = &simulation.extent;
     let slots = SLOTS.min(extent.slots);
     let groups = policies.iter().map(|&policy| {
@@ -75,7 +76,7 @@ fn occupancy(simulation: &Simulation<'_>, policies: &[PolicyName], table: &Table
         let mut rows = vec![Vec::new(); environment.sub_channels()];
         for slot in 0..extent.warmup + slots {
             let senders = environment.present().to_vec();
-            run_slot(&mut environment, decide.as_mut(), &mut decisions);
+            run_slot(&mut environment, &mut decide, &mut decisions);
             if slot < extent.warmup {
                 continue;
             }
@@ -92,7 +93,7 @@ fn occupancy(simulation: &Simulation<'_>, policies: &[PolicyName], table: &Table
             }
         }
         OccupancyGroup {
-            name: policy.name().to_owned(),
+            name: policy.name.to_owned(),
             rows,
         }
     });
@@ -104,7 +105,7 @@ fn occupancy(simulation: &Simulation<'_>, policies: &[PolicyName], table: &Table
     }
 }
 
-fn age_map(simulation: &Simulation<'_>, policy: PolicyName, table: &Table<'_>) -> MapChart {
+fn age_map(simulation: &Simulation<'_>, policy: &Kind, table: &Table<'_>) -> MapChart {
     let Simulation { scenario, extent, .. } = simulation;
     let mobility = &scenario.mobility;
     let ground_m = (
@@ -117,7 +118,7 @@ fn age_map(simulation: &Simulation<'_>, policy: PolicyName, table: &Table<'_>) -
     let worlds = MAP_WORLDS.min(u64::from(extent.worlds));
     let (mut environment, mut decide, mut decisions) = start(simulation, policy, table, worlds);
     for slot in 0..extent.slots_per_world() {
-        run_slot(&mut environment, decide.as_mut(), &mut decisions);
+        run_slot(&mut environment, &mut decide, &mut decisions);
         if slot < extent.warmup || !slot.is_multiple_of(MAP_INTERVAL) {
             continue;
         }
@@ -135,7 +136,7 @@ fn age_map(simulation: &Simulation<'_>, policy: PolicyName, table: &Table<'_>) -
     }
     let mean = |&(sum, count): &(u64, u64)| (count > 0).then(|| sum as f64 / count as f64);
     MapChart {
-        title: format!("Where information is old: {}", policy.name()),
+        title: format!("Where information is old: {}", policy.name),
         note: format!(
             "{worlds} worlds x {} slots after {}, every {MAP_INTERVAL}th; squares of {SQUARE_M} m where a vehicle drove.",
             extent.slots, extent.warmup

@@ -4,10 +4,9 @@ use super::PolicyResult;
 use super::html::{Block, Page, Section};
 use super::text_table::TextTable;
 use crate::command::run::PreparedRun;
-use crate::policy::PolicyName;
+use crate::policy::Kind;
 use crate::revision::{own_revision, revision_text};
 use crate::scenario::{KEYS, Preset};
-use clap::ValueEnum as _;
 use kit::error::Result;
 use kit::files::NamedText;
 
@@ -162,9 +161,8 @@ pub fn closed_loop<const COLUMNS: usize>(
 }
 
 /// What the policies do, in the words of the command line's help.
-fn meanings(policies: &[PolicyName]) -> Block {
-    let help = |policy: &PolicyName| policy.to_possible_value()?.get_help().map(ToString::to_string);
-    let meaning = |policy: &PolicyName| (policy.name(), help(policy).unwrap_or_default());
+fn meanings(policies: &[&'static Kind]) -> Block {
+    let meaning = |policy: &&'static Kind| (policy.name, policy.meaning.to_owned());
     Block::terms(&policies.iter().map(meaning).collect::<Vec<_>>())
 }
 

@@ -3,7 +3,7 @@
 use super::axis::{self, Axis, Kind, POLICY, SEED, VEHICLES, text};
 use super::store::checksum;
 use crate::command::run::{PreparedRun, RunOptions};
-use crate::policy::PolicyName;
+use crate::policy::KINDS;
 use crate::scenario::{nearest, parse_toml};
 use clap::Parser;
 use kit::error::{Error, Result};
@@ -262,8 +262,8 @@ impl Grid {
 }
 
 fn every_policy() -> Value {
-    let names = PolicyName::ALL.map(|policy| Value::String(policy.name().to_owned()));
-    Value::Array(names.into())
+    let names = KINDS.iter().map(|kind| Value::String(kind.name.to_owned()));
+    Value::Array(names.collect())
 }
 
 /// Takes sections apart: `[radio] max_power_dbm = 23` becomes the key `radio.max_power_dbm`.

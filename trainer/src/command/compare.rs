@@ -5,7 +5,7 @@ use crate::run_folder::RunFolder;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::thread_pool;
 use host_sim::command::run::RunOptions;
-use host_sim::policy::PolicyName;
+use host_sim::policy::{actor, clock};
 use kit::error::{Error, Result};
 use kit::say;
 use serde_json::json;
@@ -65,13 +65,13 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
         }
         options.table = Some(folder.table());
     }
-    if options.policy.contains(&PolicyName::Actor) {
+    if options.policy.contains(&&actor::KIND) {
         return Err(Error::input("--policy", "actor", "others to compare it with"));
     }
     if options.policy.is_empty() {
-        options.policy.push(PolicyName::Clock);
+        options.policy.push(&clock::KIND);
     }
-    options.policy.push(PolicyName::Actor);
+    options.policy.push(&actor::KIND);
     options.check_typed()?;
     let prepared = options.prepare()?;
     let pool = thread_pool(options.threads)?;

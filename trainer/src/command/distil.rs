@@ -9,7 +9,7 @@ use crate::quantise::quantise;
 use crate::run_folder::RunFolder;
 use firmware::table::{MAX_LAYERS, Provenance, Table};
 use host_sim::command::options::{ScenarioArguments, parse_table, progress_bar, thread_pool};
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
 use host_sim::revision::source_revision;
 use host_sim::scenario::{Scenario, ScenarioSource};
@@ -176,7 +176,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     };
     let simulation = Simulation {
         scenario: &scenario,
-        source: &MobilitySource::Grid,
+        source: &Grid,
         extent,
     };
     let comparison = pool.install(|| compare(&simulation, &made.actors, &[table]))?;

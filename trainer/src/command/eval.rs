@@ -8,7 +8,7 @@ use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::{parse_table, progress_bar, thread_pool};
 use host_sim::command::run::{PreparedRun, RunOptions};
-use host_sim::policy::PolicyName;
+use host_sim::policy::{KINDS, actor, central};
 use host_sim::report::{PolicyResult, ages};
 use host_sim::scenario::Preset;
 use kit::error::{Error, Result};
@@ -48,15 +48,13 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     if let Some(identity) = &trained.identity {
         options = in_scenario_of(identity, options)?;
     }
-    let asked = std::mem::replace(&mut options.policy, vec![PolicyName::Central]);
+    let asked = std::mem::replace(&mut options.policy, vec![&central::KIND]);
     let mut prepared = options.prepare()?;
     check_radio(&prepared, trained.setting)?;
     if !asked.is_empty() {
-        prepared.policies = asked;
         // The actor is the run's own, which comes anyway.
-        prepared.policies.retain(|policy| *policy != PolicyName::Actor);
-        prepared.policies.sort();
-        prepared.policies.dedup();
+        let beside = |kind: &&_| asked.contains(kind) && **kind != actor::KIND;
+        prepared.policies = KINDS.iter().copied().filter(beside).collect();
     }
     let (mut results, agreement) = pool.install(|| trained_results(&prepared, &trained, options.json))?;
     results.extend(pool.install(|| prepared.results(options.json))?);

@@ -9,7 +9,7 @@ use firmware::observation::Observation;
 use firmware::units::{Age, Level, SUB_CHANNELS};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Stream};
@@ -105,7 +105,7 @@ impl Arena for CellArena {
         scenario.cell.vehicles = beginning.present as u32;
         let worlds = self.options.worlds;
         let first = beginning.episode * worlds;
-        let source = MobilitySource::Grid;
+        let source = Grid;
         let environment = Environment::new(
             &scenario,
             &source,

@@ -15,7 +15,7 @@ use crate::run_folder::RunFolder;
 use firmware::decision::{ACTIONS, Action};
 use firmware::observation::INPUTS;
 use host_sim::environment::Environment;
-use host_sim::mobility::MobilitySource;
+use host_sim::mobility::Grid;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Role, Stream};
 use kit::error::{Error, Result};
@@ -127,13 +127,7 @@ impl Learner for PpoLearner {
                 )
                 .world;
                 let worlds = first..first + worlds;
-                let environment = Environment::new(
-                    scenario,
-                    &MobilitySource::Grid,
-                    self.seed,
-                    Purpose::Training,
-                    worlds,
-                );
+                let environment = Environment::new(scenario, &Grid, self.seed, Purpose::Training, worlds);
                 (CellArena::new(environment, self.recipe.costs(), stream), stream)
             })
             .collect();

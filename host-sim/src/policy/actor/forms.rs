@@ -2,10 +2,10 @@
 
 use super::network::LaneNetwork;
 use super::table_index;
-use crate::decisions::Decisions;
-use crate::environment::Environment;
+use crate::decisions::VehicleDecisions;
 use crate::lanes::{LANES, Row};
 use crate::policy::Policy;
+use crate::senses::Senses;
 use firmware::form::MAX_INPUTS;
 use firmware::observation::Observation;
 use firmware::table::Table;
@@ -30,39 +30,33 @@ impl<'t> FormActors<'t> {
 }
 
 impl Policy for FormActors<'_> {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        let vectors = environment.vectors();
-        for block in 0..environment.ages().blocks() {
-            let worlds = block * LANES..environment.worlds().min((block + 1) * LANES);
-            for &vehicle in environment.present() {
-                let table = &self.tables[table_index(self.tables, vehicle)];
-                let network = &mut self.networks[table_index(self.tables, vehicle)];
-                let (observation_form, output_form) = (table.observation_form(), table.output_form());
-                let mut observations = [None; LANES];
-                for (lane, world) in worlds.clone().enumerate() {
-                    let Some(measurement) = environment.measurement(world, vehicle) else {
-                        continue;
-                    };
-                    let observation = Observation::new(&measurement);
-                    observation_form.encode(&observation, table.required_sinr(), |codes| {
-                        for (row, &code) in self.inputs.iter_mut().zip(codes) {
-                            row[lane] = i32::from(code);
-                        }
-                    });
-                    observations[lane] = Some(observation);
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+        let (vectors, vehicle) = (senses.vectors(), senses.vehicle());
+        let table = &self.tables[table_index(self.tables, vehicle)];
+        let network = &mut self.networks[table_index(self.tables, vehicle)];
+        let (observation_form, output_form) = (table.observation_form(), table.output_form());
+        let mut observations = [None; LANES];
+        for lane in 0..senses.worlds() {
+            let Some(measurement) = senses.measurement(lane) else {
+                continue;
+            };
+            let observation = Observation::new(&measurement);
+            observation_form.encode(&observation, table.required_sinr(), |codes| {
+                for (row, &code) in self.inputs.iter_mut().zip(codes) {
+                    row[lane] = i32::from(code);
                 }
-                let inputs = &self.inputs[..observation_form.inputs()];
-                let outputs = vectors.run(
-                    #[inline(always)]
-                    || network.infer(vectors, inputs),
-                );
-                for (lane, world) in worlds.clone().enumerate() {
-                    if let Some(observation) = &observations[lane] {
-                        let outputs = outputs.map(|row| row[lane]);
-                        let decision = output_form.decision(&outputs, observation, table.power_plan());
-                        decisions.set(world, vehicle, decision);
-                    }
-                }
+            });
+            observations[lane] = Some(observation);
+        }
+        let inputs = &self.inputs[..observation_form.inputs()];
+        let outputs = vectors.run(
+            #[inline(always)]
+            || network.infer(vectors, inputs),
+        );
+        for (lane, observation) in observations.iter().enumerate() {
+            if let Some(observation) = observation {
+                let outputs = outputs.map(|row| row[lane]);
+                decisions.set(lane, output_form.decision(&outputs, observation, table.power_plan()));
             }
         }
     }

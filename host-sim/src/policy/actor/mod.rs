@@ -11,10 +11,10 @@ mod network;
 mod observation;
 mod units;
 
-use super::Policy;
-use crate::decisions::{Decisions, SILENT};
-use crate::environment::Environment;
+use super::{Decider, Kind, Needs, Policy, Setup};
+use crate::decisions::{SILENT, VehicleDecisions};
 use crate::lanes::{LANES, Row};
+use crate::senses::{Broadcasts, Senses};
 use firmware::decision::{ACTIONS, Action, JOINER_LEVELS, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
@@ -24,11 +24,20 @@ use network::LaneNetwork;
 pub use observation::Encoder;
 use observation::View;
 
-/// The actors in the way that fits the environment: with one table for all vehicles, or one for each.
-pub fn build<'t>(environment: &Environment<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
-    let measured = environment.most_vehicles() <= usize::from(Period::MAX);
-    if environment.worlds() == 1 || !measured {
-        return Box::new(units::Units::new(tables, environment));
+/// The frozen int8 network in every vehicle.
+pub static KIND: Kind = Kind {
+    name: "actor",
+    meaning: "The frozen int8 network, one in each vehicle, on the firmware's own code.",
+    stream: 0,
+    needs: Needs::Table,
+    build: |setup, table| Decider::Policy(build(setup, std::slice::from_ref(table))),
+};
+
+/// The actors in the way that fits the worlds: with one table for all vehicles, or one for each.
+pub fn build<'t>(setup: &Setup<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
+    let measured = setup.most_vehicles <= usize::from(Period::MAX);
+    if setup.worlds() == 1 || !measured {
+        return Box::new(units::Units::new(tables, setup));
     }
     match tables {
         [table]
@@ -67,24 +76,22 @@ impl LaneActor {
 }
 
 impl Policy for LaneActor {
-    fn decide(&mut self, environment: &Environment<'_>, decisions: &mut Decisions) {
-        let vectors = environment.vectors();
-        for block in 0..environment.ages().blocks() {
-            self.encoder.hear(environment.base_station(), block);
-            vectors.run(
-                #[inline(always)]
-                || {
-                    for &vehicle in environment.present() {
-                        let view = self.encoder.view(environment, block, vehicle);
-                        self.encoder.encode(&view, &mut self.inputs);
-                        let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
-                        let (sub_channel, power) = decisions.rows_mut(block, vehicle);
-                        *sub_channel = sub_channels(&view, &actions);
-                        *power = powers(&self.power_plan, &view, &actions);
-                    }
-                },
-            );
-        }
+    fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
+        self.encoder.hear(broadcasts);
+    }
+
+    fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+        let vectors = senses.vectors();
+        vectors.run(
+            #[inline(always)]
+            || {
+                let view = self.encoder.view(senses);
+                self.encoder.encode(&view, &mut self.inputs);
+                let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
+                *decisions.sub_channel = sub_channels(&view, &actions);
+                *decisions.power = powers(&self.power_plan, &view, &actions);
+            },
+        );
     }
 }
 

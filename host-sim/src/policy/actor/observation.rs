@@ -3,9 +3,8 @@
 //! The formulas are the firmware's, lane by lane; what it keeps in tables it is asked for once. The tests go through all
 //! ages, periods, differences of gains and joiner probabilities.
 
-use crate::base_station::BaseStation;
-use crate::environment::Environment;
-use crate::lanes::{LANES, Row, Rows, floor, pair};
+use crate::lanes::{LANES, Row, pair};
+use crate::senses::{Broadcasts, Senses};
 use firmware::measurement::{Broadcast, Measurement};
 use firmware::observation::{INPUTS, ONE, Observation, STRONG};
 use firmware::units::{JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
@@ -99,11 +98,11 @@ impl Encoder {
     }
 
     /// Goes on with another block of worlds, or another slot.
-    pub fn hear(&mut self, station: &BaseStation, block: usize) {
+    pub fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
         for group in 0..SUB_CHANNELS {
-            let period = station.periods().row(block, group);
-            for lane in 0..LANES {
-                let joiner = usize::from(station.joiner_code(block * LANES + lane, group)) + 1;
+            let period = broadcasts.periods(group);
+            for lane in 0..broadcasts.worlds() {
+                let joiner = usize::from(broadcasts.joiner_code(lane, group)) + 1;
                 self.groups.period[group][lane] = i32::from(period[lane]);
                 self.groups.period_reciprocal[group][lane] = self.reciprocals[usize::from(period[lane])];
                 self.groups.joiner_reciprocal[group][lane] = self.reciprocals[joiner];
@@ -111,16 +110,15 @@ impl Encoder {
         }
     }
 
-    /// What a present vehicle knows in every world of the block that was heard last.
+    /// What a vehicle knows in every world of the block that was heard last.
     #[inline(always)]
-    pub fn view(&self, environment: &Environment<'_>, block: usize, vehicle: usize) -> View {
-        let station = environment.base_station();
-        let home = station.homes().row(block, vehicle).map(i32::from);
+    pub fn view(&self, senses: &Senses<'_>) -> View {
+        let home = senses.homes().map(i32::from);
         View {
-            gain: levels(environment.gains_db(), block, vehicle, &home),
-            interference: levels(environment.interferences_db(), block, vehicle, &home),
-            age: environment.ages().row(block, vehicle).map(i32::from),
-            turn_lost_after: station.turns_lost_after().row(block, vehicle).map(i32::from),
+            gain: home_first(|sub_channel| senses.gain(sub_channel), &home),
+            interference: home_first(|sub_channel| senses.interference(sub_channel), &home),
+            age: senses.ages().map(i32::from),
+            turn_lost_after: senses.turns_lost_after().map(i32::from),
             period: of_home(&self.groups.period, &home, 0),
             period_reciprocal: of_home(&self.groups.period_reciprocal, &home, 0),
             joiner_reciprocal: of_home(&self.groups.joiner_reciprocal, &home, 0),
@@ -203,16 +201,10 @@ fn of_home(rows: &[Row<i32>; SUB_CHANNELS], home: &Row<i32>, offset: usize) -> R
     chosen
 }
 
-/// Levels in 1/256 dB, the home sub-channel's first.
+/// Levels of all sub-channels in 1/256 dB, the home sub-channel's first.
 #[inline(always)]
-fn levels(values_db: &Rows<f32>, block: usize, vehicle: usize, home: &Row<i32>) -> [Row<i32>; SUB_CHANNELS] {
-    let mut levels = [[0; LANES]; SUB_CHANNELS];
-    for (sub_channel, levels) in levels.iter_mut().enumerate() {
-        let values_db = values_db.row(block, vehicle * SUB_CHANNELS + sub_channel);
-        for lane in 0..LANES {
-            levels[lane] = floor((values_db[lane] * 256.0).clamp(-32_768.0, 32_767.0));
-        }
-    }
+fn home_first(level: impl Fn(usize) -> Row<i32>, home: &Row<i32>) -> [Row<i32>; SUB_CHANNELS] {
+    let levels = std::array::from_fn(level);
     [
         of_home(&levels, home, 0),
         of_home(&levels, home, 1),

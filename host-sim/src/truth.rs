@@ -1,0 +1,35 @@
+//! What is true in a batch of worlds at the beginning of a slot, and the part of it that a base station can know.
+
+use crate::base_station::Announcements;
+use crate::lanes::{Rows, Vectors};
+use crate::presence::Presence;
+
+/// What a base station knows without any signalling: who is associated, whom it received when, what it announces itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Knowledge<'t> {
+    /// Slots since the start.
+    pub elapsed: u32,
+    /// How many worlds.
+    pub worlds: usize,
+    /// How many sub-channels the cell has.
+    pub sub_channels: usize,
+    /// The associated vehicles.
+    pub presence: &'t Presence,
+    /// Slots since a vehicle was last received, saturating: its age of information, `[vehicle][world]`.
+    pub ages: &'t Rows<u8>,
+    /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.
+    pub receptions: &'t Rows<u8>,
+    /// Groups and what is broadcast to them.
+    pub announcements: &'t Announcements,
+    /// The vector unit for loops over rows.
+    pub vectors: Vectors,
+}
+
+/// Everything, which nobody in the cell knows.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth<'t> {
+    /// What the base station knows.
+    pub known: Knowledge<'t>,
+    /// Gains of the slot in dB over noise at full power, `[vehicle][sub_channel][world]`.
+    pub gains_db: &'t Rows<f32>,
+}
