@@ -49,12 +49,17 @@ impl Action {
     pub fn from_outputs(outputs: &[i32; ACTIONS]) -> Self {
         let mut best = (Self::Silent, i32::MIN);
         for (action, &output) in Self::ALL.into_iter().zip(outputs) {
-            if output > best.1 {
-                best = (action, output);
-            }
+            best = better(best, (action, output));
         }
         best.0
     }
+}
+
+/// Of the best choice so far and the next, each with its output, the one with the larger output; of equal ones the first. The simulator
+/// calls it for a row of worlds, lane by lane.
+#[inline(always)]
+pub fn better<T>(best: (T, i32), next: (T, i32)) -> (T, i32) {
+    if next.1 > best.1 { next } else { best }
 }
 
 /// One slot's decision: at most one sub-channel (the paper's C3), and exactly 0 W or a power up to the plan's maximum (C4).
@@ -85,17 +90,30 @@ pub struct PowerPlan {
 impl PowerPlan {
     /// The decision that carries out `action`.
     pub fn decision(&self, action: Action, observation: &Observation) -> Decision {
-        // No level is above the largest, so aiming there takes full power. One way for all actions takes the same number of
-        // instructions for each.
-        let [first, second, third, fourth] = self.joiner_levels;
-        let aims = [Level::MAX, Level::MAX, first, second, third, fourth];
-        let aim = aims.get(action as usize).copied().unwrap_or(Level::MAX);
-        let transmit = self.received_at(aim, observation.home(), observation.home_gain());
+        let transmit = self.received_at(self.aim(action), observation.home(), observation.home_gain());
         if action == Action::Silent {
             Decision::Silent
         } else {
             transmit
         }
+    }
+
+    /// The level at which an action aims to be received; without meaning for silence.
+    pub fn aim(&self, action: Action) -> Level {
+        // By indexing: one way for all actions takes the same number of instructions for each.
+        let [first, second, third, fourth] = self.joiner_levels;
+        let aims = [FULL_POWER, FULL_POWER, first, second, third, fourth];
+        aims.get(action as usize).copied().unwrap_or(FULL_POWER)
+    }
+
+    /// The power, in 1/256 dBm, to be received at the level `aim` by a base station that would receive full power at `gain`, both
+    /// in 1/256 dB: full power if that is not enough. The simulator calls it for a row of worlds, lane by lane.
+    #[inline(always)]
+    pub fn power(&self, gain: i32, aim: i32) -> i32 {
+        let reduction = gain.wrapping_sub(aim).clamp(0, i32::from(i16::MAX));
+        i32::from(self.max_power.to_bits())
+            .wrapping_sub(reduction)
+            .max(i32::from(i16::MIN))
     }
 
     /// The decision of a vehicle that may send on any sub-channel: 0 is silence, 1 to 3 full power on home and the sub-channels
@@ -104,7 +122,7 @@ impl PowerPlan {
         let [first, ..] = self.joiner_levels;
         let sending = choice.wrapping_sub(1);
         let (offset, aim) = if sending < SUB_CHANNELS {
-            (sending, Level::MAX)
+            (sending, FULL_POWER)
         } else {
             (sending.wrapping_sub(SUB_CHANNELS), first)
         };
@@ -118,12 +136,15 @@ impl PowerPlan {
         }
     }
 
-    /// Sends so as to be received at `level` by a base station that would receive full power at `gain`.
-    pub(crate) fn received_at(&self, level: Level, sub_channel: SubChannel, gain: Level) -> Decision {
-        let reduction = gain.to_bits().saturating_sub(level.to_bits()).max(0);
+    /// Sends so as to be received at the level `aim` by a base station that would receive full power at `gain`.
+    fn received_at(&self, aim: Level, sub_channel: SubChannel, gain: Level) -> Decision {
+        let power = self.power(i32::from(gain.to_bits()), i32::from(aim.to_bits()));
         Decision::Transmit {
             sub_channel,
-            power: Dbm::from_bits(self.max_power.to_bits().saturating_sub(reduction)),
+            power: Dbm::from_bits(power as i16),
         }
     }
 }
+
+/// No level is above the largest, so aiming there takes full power.
+const FULL_POWER: Level = Level::MAX;

@@ -4,7 +4,7 @@
 //! trained in the paper's own form, or between the two.
 
 use crate::actor::MAX_OUTPUTS;
-use crate::decision::{ACTIONS, Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES};
+use crate::decision::{ACTIONS, Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES, better};
 use crate::observation::{INPUTS, Observation};
 use crate::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
 
@@ -127,9 +127,7 @@ impl OutputForm {
 fn largest(outputs: &[i32; MAX_OUTPUTS], least: usize) -> usize {
     let mut best = (least, i32::MIN);
     for (choice, &output) in outputs.iter().enumerate().take(SUB_CHANNEL_CHOICES).skip(least) {
-        if output > best.1 {
-            best = (choice, output);
-        }
+        best = better(best, (choice, output));
     }
     best.0
 }

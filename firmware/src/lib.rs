@@ -10,9 +10,11 @@
 //!
 //! * [`units`]: slot index, age, sub-channel, levels, power.
 //! * [`measurement`]: what the modem hands over in a slot, validated once.
-//! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there.
+//! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there. [`reciprocal`](mod@reciprocal): division
+//!   without a divider.
 //! * [`actor`]: dense int8 layers with an exact integer specification.
 //! * [`decision`]: actions and choices as sub-channel and power; total.
+//! * [`clock`]: the rule that networks imitate, and that a unit falls back on.
 //! * [`form`]: what a table's network sees and what its outputs mean.
 //! * [`table`]: the weight-table format, read in place. [`tables`]: the tables built into the image.
 //! * [`mod@unit`]: the state machine over slots, with its fallback when a measurement is missing.
@@ -23,7 +25,8 @@
 //! * [`telemetry`]: counters for people; never part of a decision.
 //!
 //! The library is `no_std`, allocates nothing and cannot panic on any validated input. It knows no base station, no
-//! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code.
+//! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code; for rows of worlds the simulator has a network of its own, and calls the
+//! rest lane by lane.
 //!
 //! # Features
 //! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). The image logs over RTT; a host
@@ -43,12 +46,13 @@
 mod fmt;
 
 pub mod actor;
+pub mod clock;
 pub mod decision;
 pub mod form;
 pub mod link;
 pub mod measurement;
 pub mod observation;
-mod reciprocal;
+pub mod reciprocal;
 pub mod session;
 pub mod slot_clock;
 pub mod table;

@@ -25,10 +25,11 @@
 //! In every state the decision is legal: silent, or one existing sub-channel with at most the table's full power.
 
 use crate::actor::Actor;
-use crate::decision::Decision;
+use crate::clock;
+use crate::decision::{Action, Decision};
 use crate::fmt::{log_info, log_warning};
 use crate::measurement::{Broadcast, Measurement, age_at};
-use crate::observation::{Observation, turn_lost};
+use crate::observation::Observation;
 use crate::table::{Table, TableError};
 use crate::tracker::LevelTracker;
 use crate::units::{Age, SlotIndex};
@@ -214,32 +215,24 @@ impl<'t, R: Rng> Unit<'t, R> {
             return (Decision::Silent, State::Silent(Silence::NoMeasurement));
         }
         let table = actor.table();
-        let Broadcast {
-            home,
-            period,
-            joiner_probability,
-        } = known.broadcast;
+        let broadcast = known.broadcast;
         let age = age_at(slot, known.last_acknowledged);
-        let own_turn = crate::reciprocal::remainder(age.slots(), period.slots()) == 0;
-        let plan = table.power_plan();
-        // One draw in every degraded slot, whatever the branch, so that the stream does not depend on the levels.
+        let observation = Observation::predicted(level, age, &broadcast);
+        // Without a measurement there is no fading to draw from. One draw in every degraded slot, whatever the branch, so that the
+        // stream does not depend on the levels.
         let [draw, level_draw, ..] = self.back_off.next_u32().to_le_bytes();
-        let decision = if level < table.required_sinr() {
-            Decision::Silent
-        } else if turn_lost(age, period) {
-            if u16::from(draw) < joiner_probability.in_256ths() {
-                let joiner_level = plan.joiner_levels.get(usize::from(level_draw >> 6)).copied();
-                plan.received_at(joiner_level.unwrap_or(level), home, level)
-            } else {
-                Decision::Silent
-            }
-        } else if own_turn {
-            Decision::Transmit {
-                sub_channel: home,
-                power: plan.max_power,
-            }
+        let sends = u16::from(draw) < broadcast.joiner_probability.in_256ths();
+        let draw = if sends {
+            i32::from(level_draw) << 8
         } else {
-            Decision::Silent
+            1 << 16
+        };
+        // A predicted level is no evidence of a collision on a strong channel: here only a lost turn makes a vehicle join.
+        let joins = observation.turn_lost();
+        let decision = match clock::rule(&observation, table.required_sinr(), joins, draw) {
+            // Needs no power.
+            Action::Silent => Decision::Silent,
+            action => table.power_plan().decision(action, &observation),
         };
         (decision, State::Degraded)
     }

@@ -2,13 +2,14 @@
 //! drives the cells, the clock says what it should have done there.
 
 use crate::network::{Adam, Network};
+use firmware::clock;
 use firmware::decision::{ACTIONS, Action, PowerPlan};
 use firmware::observation::{INPUTS, ONE, Observation};
 use firmware::units::{Age, Level, SUB_CHANNELS};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::mobility::Grid;
-use host_sim::policy::{clock, power_plan};
+use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
 use rayon::prelude::*;

@@ -164,7 +164,8 @@ impl<'t> DenseLayer<'t> {
         outputs
     }
 
-    fn quads(&self) -> impl Iterator<Item = Quad<'t>> + use<'t> {
+    /// The quads of rows, one after the other.
+    pub fn quads(&self) -> impl Iterator<Item = Quad<'t>> + use<'t> {
         let quads = self.stream.chunks_exact(self.geometry.quad_len());
         quads.zip(self.biases).filter_map(|(bytes, biases)| {
             let (start, rest) = bytes.split_first_chunk::<16>()?;
@@ -181,7 +182,8 @@ impl<'t> DenseLayer<'t> {
 }
 
 /// Four rows as they lie in the stream.
-struct Quad<'t> {
+#[derive(Clone, Copy, Debug)]
+pub struct Quad<'t> {
     /// `[row]` i32.
     biases: &'t [u8; 16],
     /// For each pair of rows: 256 x even bias + odd bias, then the odd bias minus the products of the odd row's own weights.
@@ -205,11 +207,30 @@ const fn odd(halfword: i16) -> i16 {
     halfword as i8 as i16
 }
 
-impl Quad<'_> {
+impl<'t> Quad<'t> {
+    /// `[row]`.
+    pub fn biases(&self) -> [i32; QUAD_ROWS] {
+        words(self.biases)
+    }
+
+    /// `[row]`, in 2^-32.
+    pub fn multipliers(&self) -> [i32; QUAD_ROWS] {
+        words(self.multipliers)
+    }
+
+    /// The weights of four columns after the other, `[row][column]`, with the padding.
+    pub fn weights(&self) -> impl Iterator<Item = [[i16; 4]; QUAD_ROWS]> + use<'t> {
+        self.weights.iter().map(|block| {
+            let [h_0, h_1, h_2, h_3, h_4, h_5, h_6, h_7] = halfwords(block);
+            let (first, second) = ([h_0, h_1, h_2, h_3], [h_4, h_5, h_6, h_7]);
+            [first.map(even), first.map(odd), second.map(even), second.map(odd)]
+        })
+    }
+
     /// The rows' results by the specification, before any clamp.
     fn scaled(&self, activations: &Activations) -> [i32; QUAD_ROWS] {
-        let accumulators = zip_with(self.sums(activations), words(self.biases), i32::wrapping_add);
-        zip_with(accumulators, words(self.multipliers), rescale)
+        let accumulators = zip_with(self.sums(activations), self.biases(), i32::wrapping_add);
+        zip_with(accumulators, self.multipliers(), rescale)
     }
 
     /// The rows' sums of weight times activation.
@@ -238,7 +259,7 @@ impl Quad<'_> {
 
     /// Checks what the kernel relies on. All rows behind the first `used` are padding.
     fn check(&self, geometry: &Geometry, used: usize) -> Result<(), TableError> {
-        let biases = words(self.biases);
+        let biases = self.biases();
         let (least, greatest) = geometry.activation_range();
         let mut low = biases;
         let mut high = low;
@@ -253,10 +274,7 @@ impl Quad<'_> {
                 ));
             }
         }
-        for block in self.weights {
-            let [h_0, h_1, h_2, h_3, h_4, h_5, h_6, h_7] = halfwords(block);
-            let (first, second) = ([h_0, h_1, h_2, h_3], [h_4, h_5, h_6, h_7]);
-            let rows = [first.map(even), first.map(odd), second.map(even), second.map(odd)];
+        for rows in self.weights() {
             for (((row, weights), (low, high)), own) in rows
                 .iter()
                 .enumerate()
@@ -280,7 +298,7 @@ impl Quad<'_> {
             }
             column = column.saturating_add(4);
         }
-        for (row, (&bias, multiplier)) in biases.iter().zip(words(self.multipliers)).enumerate() {
+        for (row, (&bias, multiplier)) in biases.iter().zip(self.multipliers()).enumerate() {
             if row >= used && (bias != 0 || multiplier != 0) {
                 return Err(TableError::field("padding", bias | multiplier, 0));
             }
@@ -315,14 +333,20 @@ impl Quad<'_> {
 
 /// `accumulator * multiplier / 2^32`, rounded half up.
 fn rescale(accumulator: i32, multiplier: i32) -> i32 {
-    let product = i64::from(accumulator).wrapping_mul(i64::from(multiplier));
     #[allow(
         clippy::cast_possible_truncation,
         reason = "a 64-bit product shifted by 32 fits 32 bits"
     )]
     {
-        (product.wrapping_add(1 << 31) >> 32) as i32
+        (scaled_product(i64::from(accumulator), i64::from(multiplier)) >> 32) as i32
     }
+}
+
+/// The product of an accumulator and a multiplier, both in the range of i32, plus one half: its upper 32 bits are the rounded result.
+/// The simulator calls it for a row of worlds, lane by lane.
+#[inline(always)]
+pub const fn scaled_product(accumulator: i64, multiplier: i64) -> i64 {
+    accumulator.wrapping_mul(multiplier).wrapping_add(1 << 31)
 }
 
 fn split(bytes: &[u8], length: usize) -> Result<(&[u8], &[u8]), TableError> {

@@ -8,7 +8,10 @@ mod dense;
 mod kernel;
 mod network;
 
-pub use dense::{BLOCK_COLUMNS, DenseLayer, EVEN_ROW_LIMIT, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS};
+pub use dense::{
+    BLOCK_COLUMNS, DenseLayer, EVEN_ROW_LIMIT, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS, Quad,
+    scaled_product,
+};
 pub use network::{Activations, Network, Scratch};
 
 use crate::decision::Decision;

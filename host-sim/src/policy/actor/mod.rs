@@ -1,7 +1,7 @@
 //! The firmware's actor: it decides for a row of worlds at a time, with the bits of the firmware's library.
 //!
-//! The library is the specification: `observation`, `network` and the power below only do the same for many worlds side by
-//! side, and `tests/environment.rs` compares. A unit that has a measurement in every slot decides by the actor alone, so
+//! Encoding, choice and power are the library's own lines, called lane by lane. The network's products alone are written anew for
+//! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every slot decides by the actor alone, so
 //! no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
 //! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, `units` decide; so
 //! they do for a single world, which is less work than a row of which one lane counts.
@@ -15,11 +15,11 @@ use super::{Decider, Kind, Needs, Policy, Setup};
 use crate::decisions::{SILENT, VehicleDecisions};
 use crate::lanes::{LANES, Row};
 use crate::senses::{Broadcasts, Senses};
-use firmware::decision::{ACTIONS, Action, JOINER_LEVELS, PowerPlan};
+use firmware::decision::{ACTIONS, Action, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
 use firmware::table::Table;
-use firmware::units::{Level, Period};
+use firmware::units::Period;
 use network::LaneNetwork;
 pub use observation::Encoder;
 use observation::View;
@@ -108,24 +108,21 @@ fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
     chosen
 }
 
-/// Powers in 1/256 dBm as [`PowerPlan::decision`] gives them.
+/// Powers in 1/256 dBm as [`PowerPlan::decision`] gives them; without meaning for silence.
 #[inline(always)]
 fn powers(plan: &PowerPlan, view: &View, actions: &Row<i32>) -> Row<i16> {
-    // No level is above the largest, so aiming there takes full power.
-    let mut aims = [i32::from(Level::MAX.to_bits()); LANES];
-    for joiner in 0..JOINER_LEVELS {
-        let level = i32::from(plan.joiner_levels[joiner].to_bits());
-        let action = Action::JOINERS[joiner] as i32;
-        for lane in 0..LANES {
-            let here = i32::from(actions[lane] == action).wrapping_neg();
-            aims[lane] = (here & level) | (!here & aims[lane]);
-        }
-    }
-    let max_power = i32::from(plan.max_power.to_bits());
+    let aims = Action::ALL.map(|action| i32::from(plan.aim(action).to_bits()));
     let mut powers = [0; LANES];
     for lane in 0..LANES {
-        let reduction = (view.gain[0][lane] - aims[lane]).clamp(0, i32::from(i16::MAX));
-        powers[lane] = (max_power - reduction).max(i32::from(i16::MIN)) as i16;
+        let mut chosen = 0;
+        for (action, &aim) in Action::ALL.into_iter().zip(&aims) {
+            chosen = if actions[lane] == action as i32 {
+                aim
+            } else {
+                chosen
+            };
+        }
+        powers[lane] = plan.power(view.gain[0][lane], chosen) as i16;
     }
     powers
 }

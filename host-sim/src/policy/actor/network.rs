@@ -1,8 +1,9 @@
 //! A table's network for a row of worlds at a time: the integers of [`firmware::actor::DenseLayer`], one lane a world.
 
 use crate::lanes::{LANES, QUAD, Row, Vectors, pair};
-use firmware::actor::{MAX_OUTPUTS, QUAD_ROWS};
-use firmware::table::{HEADER_LEN, Table};
+use firmware::actor::{MAX_OUTPUTS, QUAD_ROWS, scaled_product};
+use firmware::decision::better;
+use firmware::table::Table;
 
 const _: () = assert!(QUAD == QUAD_ROWS);
 
@@ -28,20 +29,12 @@ pub struct LaneNetwork {
 impl LaneNetwork {
     /// A checked table's network.
     pub fn new(table: &Table<'_>) -> Self {
-        let mut rest = &table.bytes()[HEADER_LEN..];
         let mut widest = 0;
         let layers = table.network().layers().map(|layer| {
             let geometry = layer.geometry();
             widest = widest.max(geometry.rows()).max(geometry.columns());
-            let (biases, stream);
-            (biases, rest) = rest.split_at(4 * geometry.rows());
-            (stream, rest) = rest.split_at(geometry.stream_len());
-            let quads = geometry.rows() / QUAD;
-            stream
-                .chunks_exact(stream.len() / quads)
-                .zip(words(biases).chunks_exact(QUAD))
-                .map(|(quad, biases)| unpacked(quad, biases, geometry.inputs.div_ceil(2)))
-                .collect()
+            let pairs = geometry.inputs.div_ceil(2);
+            layer.quads().map(|quad| Quad::new(&quad, pairs)).collect()
         });
         let layers = layers.collect();
         // Columns behind the last have no weights.
@@ -74,9 +67,7 @@ impl LaneNetwork {
             let rows = quad.scaled(vectors, &self.now);
             for (output, row) in (index * QUAD..COUNT).zip(&rows) {
                 for lane in 0..LANES {
-                    let better = i32::from(row[lane] > most[lane]).wrapping_neg();
-                    best[lane] = (better & output as i32) | (!better & best[lane]);
-                    most[lane] = most[lane].max(row[lane]);
+                    (best[lane], most[lane]) = better((best[lane], most[lane]), (output as i32, row[lane]));
                 }
             }
         }
@@ -114,6 +105,18 @@ impl LaneNetwork {
 }
 
 impl Quad {
+    /// Four rows from a table, without the columns that only fill blocks.
+    fn new(quad: &firmware::actor::Quad<'_>, pairs: usize) -> Self {
+        let columns = |rows: [[i16; 4]; QUAD]| {
+            [0, 2].map(|column| rows.map(|row| pair(i32::from(row[column]), i32::from(row[column + 1]))))
+        };
+        Self {
+            biases: quad.biases(),
+            multipliers: quad.multipliers(),
+            weights: quad.weights().flat_map(columns).take(pairs).collect(),
+        }
+    }
+
     /// The rows' results by the specification, before any clamp.
     #[inline(always)]
     fn scaled(&self, vectors: Vectors, activations: &[Row<i32>]) -> [Row<i32>; QUAD] {
@@ -124,42 +127,12 @@ impl Quad {
             let mut pairs: [i64; LANES / 2] = pulp::cast(*row);
             let multiplier = i64::from(multiplier);
             for pair in &mut pairs {
-                let lower = i64::from(*pair as i32) * multiplier + (1 << 31);
-                let upper = (*pair >> 32) * multiplier + (1 << 31);
+                let lower = scaled_product(i64::from(*pair as i32), multiplier);
+                let upper = scaled_product(*pair >> 32, multiplier);
                 *pair = ((lower as u64) >> 32) as i64 | (upper & !0xffff_ffff);
             }
             *row = pulp::cast(pairs);
         }
         rows
     }
-}
-
-/// Four rows from their quad in the stream, which [`firmware::table`] describes, without the columns that only fill blocks.
-fn unpacked(quad: &[u8], biases: &[i32], pairs: usize) -> Quad {
-    let (halfwords, multipliers) = quad[16..].split_at(quad.len() - 32);
-    let multipliers = words(multipliers);
-    let halfwords = halfwords.as_chunks::<2>().0;
-    let halfwords: Vec<i16> = halfwords.iter().map(|bytes| i16::from_le_bytes(*bytes)).collect();
-    // Blocks of four columns, first of the upper two rows, then of the lower two. A halfword is 256 times the even row's
-    // weight plus the odd row's.
-    let weight = |row: usize, column: usize| {
-        let halfword = halfwords[column / 4 * 8 + row / 2 * 4 + column % 4];
-        i32::from(if row.is_multiple_of(2) {
-            (halfword + 128) >> 8
-        } else {
-            i16::from(halfword as i8)
-        })
-    };
-    Quad {
-        biases: std::array::from_fn(|row| biases[row]),
-        multipliers: std::array::from_fn(|row| multipliers[row]),
-        weights: (0..pairs)
-            .map(|index| std::array::from_fn(|row| pair(weight(row, 2 * index), weight(row, 2 * index + 1))))
-            .collect(),
-    }
-}
-
-fn words(bytes: &[u8]) -> Vec<i32> {
-    let words = bytes.as_chunks::<4>().0;
-    words.iter().map(|bytes| i32::from_le_bytes(*bytes)).collect()
 }

@@ -1,36 +1,24 @@
-//! Observations of a row of worlds at a time, encoded as [`firmware::observation::Observation::encode`] encodes one.
-//!
-//! The formulas are the firmware's, lane by lane; what it keeps in tables it is asked for once. The tests go through all
-//! ages, periods, differences of gains and joiner probabilities.
+//! Observations of a row of worlds at a time: [`Quantities::encode`], which also encodes the firmware's
+//! [`Observation`](firmware::observation::Observation), is called lane by lane. The tests go through all ages, periods, differences of
+//! gains and joiner probabilities.
 
-use crate::lanes::{LANES, Row, pair};
+use crate::lanes::{LANES, Row};
 use crate::senses::{Broadcasts, Senses};
-use firmware::measurement::{Broadcast, Measurement};
-use firmware::observation::{INPUTS, ONE, Observation, STRONG};
-use firmware::units::{JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
-
-/// Difference of two levels from which their share is constant, in 1/256 dB (40 dB).
-const SHARE_RANGE: i32 = 40 << 8;
-
-/// Spacing of the firmware's table of shares in 1/256 dB, as a power of two: 0.5 dB. Between its entries the share is a line.
-const SHARE_STEP_BITS: u32 = 7;
-
-/// Length of the table of shares: the power of two that holds all differences.
-const SHARES: usize = 128;
-
-const _: () = assert!((SHARE_RANGE >> SHARE_STEP_BITS) < SHARES as i32);
+use firmware::observation::{INPUTS, Quantities};
+use firmware::reciprocal::reciprocal;
+use firmware::units::{Level, SUB_CHANNELS};
 
 /// What the vehicles of every group hear, in every world of a block. `[group][world]`.
 #[derive(Clone, Debug)]
 struct Groups {
     period: [Row<i32>; SUB_CHANNELS],
-    /// 65536 over the period, rounded up.
+    /// [`reciprocal`] of the period.
     period_reciprocal: [Row<i32>; SUB_CHANNELS],
-    /// 65536 over the joiner probability in 256ths, rounded up.
+    /// [`reciprocal`] of the joiner probability in 256ths.
     joiner_reciprocal: [Row<i32>; SUB_CHANNELS],
 }
 
-/// What one vehicle knows in every world of a block: many [`Observation`]s, with the home sub-channel first.
+/// What one vehicle knows in every world of a block: a row of [`Quantities`], with the home sub-channel first.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Index of the home sub-channel; none of theirs in a lane without a world.
@@ -50,45 +38,19 @@ pub struct View {
 pub struct Encoder {
     /// In 1/256 dB.
     required: i32,
-    /// The smaller part of two powers and what it loses in the next step, a [`pair`], by steps of difference.
-    shares: [i32; SHARES],
-    /// 65536 over the index, rounded up.
+    /// [`reciprocal`] of the index.
     reciprocals: [i32; 257],
     /// Of the block in work.
     groups: Groups,
-}
-
-/// The smaller part of two powers that are this many steps of difference apart, in 1/65536.
-fn smaller_part(steps: usize) -> i32 {
-    let difference = SHARE_RANGE.min((steps << SHARE_STEP_BITS) as i32);
-    let gain = [Level::ZERO, Level::ZERO, Level::from_bits(difference as i16)];
-    let view = SubChannel::new(0).zip(Period::new(1)).and_then(|(home, period)| {
-        let broadcast = Broadcast {
-            home,
-            period,
-            joiner_probability: JoinerProbability::ONE,
-        };
-        let quiet = [Level::ZERO; SUB_CHANNELS];
-        let measurement = Measurement::new(SlotIndex(0), gain, quiet, None, broadcast);
-        measurement.ok().map(|measurement| Observation::new(&measurement))
-    });
-    let part = view.map_or(0, |view| view.private_uniform() as i32);
-    // At no difference it is half.
-    part.min(65_536 - part)
 }
 
 impl Encoder {
     /// For networks of this required SINR.
     pub fn new(required: Level) -> Self {
         let nothing = [[0; LANES]; SUB_CHANNELS];
-        let share = |steps| {
-            let part = smaller_part(steps);
-            pair(part, part - smaller_part(steps + 1))
-        };
         Self {
             required: i32::from(required.to_bits()),
-            shares: std::array::from_fn(share),
-            reciprocals: std::array::from_fn(|n| 65_536_u32.div_ceil(n.max(1) as u32) as i32),
+            reciprocals: std::array::from_fn(|n| reciprocal(n as u16)),
             groups: Groups {
                 period: nothing,
                 period_reciprocal: nothing,
@@ -130,61 +92,27 @@ impl Encoder {
     #[inline(always)]
     pub fn encode(&self, view: &View, inputs: &mut [Row<i32>; INPUTS]) {
         for lane in 0..LANES {
-            let (age, period) = (view.age[lane], view.period[lane]);
-            let periods = age * view.period_reciprocal[lane];
-            inputs[0][lane] = flag(age == (periods >> 16) * period);
-            inputs[1][lane] = flag(age > view.turn_lost_after[lane]);
-            inputs[2][lane] = flag(age > 3 * period);
-            inputs[3][lane] = (((periods >> 6) * 819) >> 16).min(64);
-            inputs[4][lane] = (period * 16 / 5).min(127);
-        }
-        let mut strong = [0; LANES];
-        for (k, gain) in view.gain.iter().enumerate() {
-            for lane in 0..LANES {
-                inputs[5 + k][lane] = (((gain[lane] * 819) >> 16) - 112).clamp(-128, 127);
-                inputs[8 + k][lane] = flag(gain[lane] >= self.required);
-                strong[lane] |= flag(gain[lane] >= i32::from(STRONG.to_bits()));
-            }
-        }
-        inputs[11] = strong;
-        let thinned = self.thinned(view);
-        for lane in 0..LANES {
-            inputs[12][lane] = (thinned[lane] >> 10).min(80);
-        }
-        for (input, limit) in inputs[13..17].iter_mut().zip([16_384, 32_768, 49_152, 65_536]) {
-            for lane in 0..LANES {
-                input[lane] = flag(thinned[lane] < limit);
-            }
-        }
-        for (input, interference) in inputs[17..].iter_mut().zip(&view.interference) {
-            for lane in 0..LANES {
-                input[lane] = ((interference[lane] * 410) >> 16).clamp(-128, 127);
+            let codes = view.quantities(lane).encode(self.required);
+            for (input, code) in inputs.iter_mut().zip(codes) {
+                input[lane] = code;
             }
         }
     }
+}
 
-    /// [`Observation::thinned_uniform`].
+impl View {
+    /// What the vehicle knows in one world.
     #[inline(always)]
-    fn thinned(&self, view: &View) -> Row<i32> {
-        let [_, a, b] = &view.gain;
-        let (mut distance, mut shares) = ([0; LANES], [0; LANES]);
-        for lane in 0..LANES {
-            distance[lane] = (a[lane] - b[lane]).abs().min(SHARE_RANGE);
+    fn quantities(&self, lane: usize) -> Quantities {
+        Quantities {
+            age: self.age[lane],
+            period: self.period[lane],
+            period_reciprocal: self.period_reciprocal[lane],
+            turn_lost_after: self.turn_lost_after[lane],
+            joiner_reciprocal: self.joiner_reciprocal[lane],
+            gain: self.gain.each_ref().map(|row| row[lane]),
+            interference: self.interference.each_ref().map(|row| row[lane]),
         }
-        for lane in 0..LANES {
-            shares[lane] = self.shares[(distance[lane] >> SHARE_STEP_BITS) as usize % SHARES];
-        }
-        let mut thinned = [0; LANES];
-        for lane in 0..LANES {
-            let position = distance[lane] & ((1 << SHARE_STEP_BITS) - 1);
-            let smaller = (shares[lane] & 0xffff) - (((shares[lane] >> 16) * position) >> SHARE_STEP_BITS);
-            let below = i32::from(a[lane] < b[lane]).wrapping_neg();
-            let share = (below & smaller) | (!below & (65_536 - smaller));
-            // The product over 256, in two parts that stay within 32 bits.
-            let reciprocal = view.joiner_reciprocal[lane];
-            thinned[lane] = (share >> 8) * reciprocal + (((share & 0xff) * reciprocal) >> 8);
-        }
-        thinned
     }
 }
 
@@ -212,15 +140,12 @@ fn home_first(level: impl Fn(usize) -> Row<i32>, home: &Row<i32>) -> [Row<i32>; 
     ]
 }
 
-#[inline(always)]
-fn flag(condition: bool) -> i32 {
-    i32::from(condition) * i32::from(ONE)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::units::Age;
+    use firmware::measurement::{Broadcast, Measurement};
+    use firmware::observation::Observation;
+    use firmware::units::{Age, JoinerProbability, Period, SlotIndex, SubChannel};
 
     const REQUIRED: Level = Level::lit("8.45");
 
