@@ -6,7 +6,7 @@ use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// A point's result. Ages in ms; the keys are those of `host-sim run --json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
