@@ -83,7 +83,7 @@ fn programs() -> [(&'static str, PathBuf); 2] {
 /// A folder in which the book's relative paths exist, and what commands write does not reach the repository.
 fn workplace() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["host-sim", "trainer", "cluster", "docs"] {
+    for name in ["assignment", "host-sim", "trainer", "cluster", "docs"] {
         std::os::unix::fs::symlink(repository().join(name), folder.path().join(name)).unwrap();
     }
     folder
@@ -101,8 +101,11 @@ fn every_command_of_the_book_runs() {
             }
             let known = programs
                 .iter()
-                .find_map(|(prefix, program)| Some((program, command.strip_prefix(prefix)?)));
-            let mut process = match known {
+                .find_map(|(prefix, program)| Some((program.clone(), command.strip_prefix(prefix)?)));
+            // Cargo has built the examples, too.
+            let example = command.split_once("--example ");
+            let example = example.map(|(_, name)| (program(&format!("examples/{name}")), ""));
+            let mut process = match example.or(known) {
                 Some((program, rest)) => {
                     let mut process = Command::new(program);
                     let rest = rest.trim_start_matches(" --").trim();
