@@ -1,7 +1,7 @@
 //! The Cortex-M4 kernel computes the specification's bits: as a model of its instructions on the host, and itself in QEMU.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
-use firmware::actor::{DenseLayer, MAX_OUTPUTS, Network, QUAD_ROWS, Scratch};
+use firmware::network::{DenseLayer, MAX_OUTPUTS, Network, QUAD_ROWS, Scratch};
 use firmware::table::{CHECKSUM, Table};
 use firmware::tables::DISTILLED;
 use host_sim::deadline::cycles::{AROUND_INFERENCE, kernel_cost};

@@ -14,8 +14,9 @@ use crate::units::Level;
 /// What the clock does: the expert that networks imitate.
 pub fn act(observation: &Observation, required_sinr: Level) -> Action {
     // Two strong vehicles on one turn would collide for ever: they part. Weak ones are more likely faded, and keep it.
-    let joins = observation.turn_lost() || (observation.overdue() && observation.strong());
-    rule(observation, required_sinr, joins, observation.thinned_uniform())
+    let known = observation.quantities();
+    let joins = known.turn_lost() || (known.overdue() && known.strong());
+    rule(observation, required_sinr, joins, known.thinned_uniform())
 }
 
 /// The clock's rule for a vehicle that is known to join anew, or not. If it does, it sends when `draw` is below 65536; the draw is
@@ -26,7 +27,7 @@ pub(crate) fn rule(observation: &Observation, required_sinr: Level, joins: bool,
     } else if joins {
         let level = (draw as usize).wrapping_mul(JOINER_LEVELS) >> 16;
         Action::JOINERS.get(level).copied().unwrap_or(Action::Silent)
-    } else if observation.own_turn() {
+    } else if observation.quantities().own_turn() {
         Action::FullPower
     } else {
         Action::Silent

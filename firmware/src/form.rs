@@ -3,10 +3,10 @@
 //! The shipped table has [`ObservationForm::HomeFirst`] and [`OutputForm::Actions`]; the others are for actors that were
 //! trained in the paper's own form, or between the two.
 
-use crate::actor::MAX_OUTPUTS;
 use crate::decision::{ACTIONS, Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES, better};
-use crate::observation::{INPUTS, Observation};
-use crate::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
+use crate::network::MAX_OUTPUTS;
+use crate::observation::{INPUTS, ONE_HOT_INPUTS, Observation, PAPER_INPUTS};
+use crate::units::{Dbm, Level, SubChannel};
 
 /// What a network sees of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,20 +21,8 @@ pub enum ObservationForm {
     Paper = 2,
 }
 
-/// Ages that [`ObservationForm::AgeOneHot`] tells apart; older ones are alike (chosen: seven periods of twenty vehicles).
-pub const ONE_HOT_AGES: usize = 51;
-
-/// Inputs of [`ObservationForm::AgeOneHot`].
-pub const ONE_HOT_INPUTS: usize = ONE_HOT_AGES + 10;
-
-/// Inputs of [`ObservationForm::Paper`].
-pub const PAPER_INPUTS: usize = 2 * SUB_CHANNELS + 1;
-
 /// Most inputs of any form.
 pub const MAX_INPUTS: usize = ONE_HOT_INPUTS;
-
-/// The code that stands for a private uniform of 1 in [`ObservationForm::AgeOneHot`].
-pub const UNIFORM_ONE: i8 = i8::MAX;
 
 impl ObservationForm {
     /// All of them, by their codes in a table.

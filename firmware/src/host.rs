@@ -1,6 +1,7 @@
 //! What the image would run, for people: the built-in table in words.
 
-use firmware::table::{MAX_LAYERS, Table};
+use firmware::network::MAX_LAYERS;
+use firmware::table::Table;
 use firmware::tables::DISTILLED;
 use firmware::unit::{Unit, back_off};
 use std::process::ExitCode;

@@ -12,7 +12,7 @@
 //! * [`measurement`]: what the modem hands over in a slot, validated once.
 //! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there. [`reciprocal`](mod@reciprocal): division
 //!   without a divider.
-//! * [`actor`]: dense int8 layers with an exact integer specification.
+//! * [`network`]: dense int8 layers with an exact integer specification. [`actor`]: a table's network, from observation to decision.
 //! * [`decision`]: actions and choices as sub-channel and power; total.
 //! * [`clock`]: the rule that networks imitate, and that a unit falls back on.
 //! * [`form`]: what a table's network sees and what its outputs mean.
@@ -51,6 +51,7 @@ pub mod decision;
 pub mod form;
 pub mod link;
 pub mod measurement;
+pub mod network;
 pub mod observation;
 pub mod reciprocal;
 pub mod session;

@@ -30,7 +30,7 @@
 //! [`OutputForm::SubChannelAndPower`] makes of outputs needs their scale, so only 1/[`CONTINUOUS_ONE`] is accepted there.
 //!
 //! # Stream
-//! The weights lie in the order in which the Cortex-M4's kernel uses them (`actor/kernel.rs` explains why), and in no other
+//! The weights lie in the order in which the Cortex-M4's kernel uses them (`network/kernel.rs` explains why), and in no other
 //! form: two forms could contradict each other and would double the flash. Rows are padded to a multiple of 8, those
 //! of the last layer to a multiple of 4, and columns to a multiple of 8, all with zeros: biases, multipliers and
 //! weights. Every four rows `r` to `r + 3` make a quad of `columns + 8` words:
@@ -46,9 +46,9 @@
 //! weights up to 127 that is so for any row of up to 259 hidden inputs; the trainer's export says which row of a wider one
 //! does not fit.
 
-use crate::actor::{DenseLayer, MAX_WIDTH, Network};
 use crate::decision::{JOINER_LEVELS, PowerPlan};
 use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
+use crate::network::{DenseLayer, MAX_LAYERS, MAX_WIDTH, Network, ReadError};
 use crate::units::{Dbm, Level, SUB_CHANNELS};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -56,8 +56,6 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 pub const MAGIC: [u8; 4] = *b"FLAT";
 /// The format's version.
 pub const VERSION: u16 = 2;
-/// Most dense layers in a table.
-pub const MAX_LAYERS: usize = 4;
 /// Bytes before the first layer.
 pub const HEADER_LEN: usize = 88;
 
@@ -89,13 +87,6 @@ pub struct Provenance {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum TableError {
-    /// Shorter than a header and a checksum.
-    Truncated {
-        /// Bytes there are.
-        found: u32,
-        /// Bytes there should be, at least.
-        expected: u32,
-    },
     /// The first four bytes are not [`MAGIC`].
     Magic([u8; 4]),
     /// A version this firmware does not read.
@@ -114,26 +105,19 @@ pub enum TableError {
         /// What its bytes give.
         computed: u32,
     },
-    /// A field has a value this firmware cannot serve.
-    Field {
-        /// Its name.
-        name: &'static str,
-        /// What was found.
-        found: i32,
-        /// The value, or the largest magnitude, that is accepted.
-        expected: i32,
-    },
+    /// Shorter than a header, a checksum and the layers, or a field that does not fit.
+    Read(ReadError),
+}
+
+impl From<ReadError> for TableError {
+    fn from(error: ReadError) -> Self {
+        Self::Read(error)
+    }
 }
 
 impl core::fmt::Display for TableError {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Truncated { found, expected } => {
-                write!(
-                    formatter,
-                    "truncated: found {found} bytes, expected at least {expected}"
-                )
-            }
             Self::Magic(found) => write!(
                 formatter,
                 "magic: found {found:02x?}, expected {MAGIC:02x?} (FLAT)"
@@ -151,13 +135,7 @@ impl core::fmt::Display for TableError {
                     "checksum: found {computed:#010x}, expected {stored:#010x} as stored: the table is damaged"
                 )
             }
-            Self::Field {
-                name,
-                found,
-                expected,
-            } => {
-                write!(formatter, "{name}: found {found}, expected {expected}")
-            }
+            Self::Read(error) => error.fmt(formatter),
         }
     }
 }
@@ -188,13 +166,13 @@ impl<'t> Table<'t> {
     #[inline(always)]
     pub fn parse(bytes: &'t [u8]) -> Result<Self, TableError> {
         let length = bytes.len() as u32;
-        let truncated = TableError::Truncated {
+        let truncated = ReadError::Truncated {
             found: length,
             expected: HEADER_LEN.saturating_add(4) as u32,
         };
         let (body, checksum) = bytes.split_last_chunk::<4>().ok_or(truncated)?;
         if body.len() < HEADER_LEN {
-            return Err(truncated);
+            return Err(truncated.into());
         }
         let mut reader = Reader { rest: body };
         let magic = reader.array::<4>()?;
@@ -220,7 +198,7 @@ impl<'t> Table<'t> {
 
         expect("sub_channels", i32::from(sub_channels), SUB_CHANNELS as i32)?;
         if layers == 0 || usize::from(layers) > MAX_LAYERS {
-            return Err(TableError::field("layers", i32::from(layers), MAX_LAYERS as i32));
+            return Err(ReadError::field("layers", i32::from(layers), MAX_LAYERS as i32).into());
         }
         let max_vehicles = reader.u16()?;
         let required_sinr = reader.level()?;
@@ -237,16 +215,17 @@ impl<'t> Table<'t> {
             *width = usize::from(reader.u16()?);
             let used = index <= usize::from(layers);
             if *width > MAX_WIDTH || (*width > 0) != used {
-                return Err(TableError::field(
+                return Err(ReadError::field(
                     "width",
                     *width as i32,
                     if used { MAX_WIDTH as i32 } else { 0 },
-                ));
+                )
+                .into());
             }
         }
         let [modified, reserved] = reader.array()?;
         if modified > 1 {
-            return Err(TableError::field("modified", i32::from(modified), 1));
+            return Err(ReadError::field("modified", i32::from(modified), 1).into());
         }
         expect("reserved", i32::from(reserved), 0)?;
         let seed = u64::from_le_bytes(reader.array()?);
@@ -347,29 +326,18 @@ impl<'t> Table<'t> {
     }
 }
 
-impl TableError {
-    /// A field that does not fit.
-    pub(crate) const fn field(name: &'static str, found: i32, expected: i32) -> Self {
-        Self::Field {
-            name,
-            found,
-            expected,
-        }
-    }
-}
-
 /// The form with this code.
-fn form<T: Copy>(name: &'static str, all: &[T], code: u8) -> Result<T, TableError> {
+fn form<T: Copy>(name: &'static str, all: &[T], code: u8) -> Result<T, ReadError> {
     let largest = all.len().saturating_sub(1) as i32;
     let form = all.get(usize::from(code)).copied();
-    form.ok_or(TableError::field(name, i32::from(code), largest))
+    form.ok_or(ReadError::field(name, i32::from(code), largest))
 }
 
-fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), TableError> {
+fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), ReadError> {
     if found == expected {
         Ok(())
     } else {
-        Err(TableError::field(name, found, expected))
+        Err(ReadError::field(name, found, expected))
     }
 }
 
@@ -379,9 +347,9 @@ struct Reader<'t> {
 }
 
 impl<'t> Reader<'t> {
-    fn take(&mut self, length: usize) -> Result<&'t [u8], TableError> {
+    fn take(&mut self, length: usize) -> Result<&'t [u8], ReadError> {
         let found = self.rest.len();
-        let (taken, rest) = self.rest.split_at_checked(length).ok_or(TableError::Truncated {
+        let (taken, rest) = self.rest.split_at_checked(length).ok_or(ReadError::Truncated {
             found: found as u32,
             expected: length as u32,
         })?;
@@ -389,21 +357,21 @@ impl<'t> Reader<'t> {
         Ok(taken)
     }
 
-    fn array<const LEN: usize>(&mut self) -> Result<[u8; LEN], TableError> {
+    fn array<const LEN: usize>(&mut self) -> Result<[u8; LEN], ReadError> {
         let mut array = [0; LEN];
         array.copy_from_slice(self.take(LEN)?);
         Ok(array)
     }
 
-    fn u16(&mut self) -> Result<u16, TableError> {
+    fn u16(&mut self) -> Result<u16, ReadError> {
         Ok(u16::from_le_bytes(self.array()?))
     }
 
-    fn u32(&mut self) -> Result<u32, TableError> {
+    fn u32(&mut self) -> Result<u32, ReadError> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
-    fn level(&mut self) -> Result<Level, TableError> {
+    fn level(&mut self) -> Result<Level, ReadError> {
         Ok(Level::from_le_bytes(self.array()?))
     }
 }

@@ -29,6 +29,7 @@ use crate::clock;
 use crate::decision::{Action, Decision};
 use crate::fmt::{log_info, log_warning};
 use crate::measurement::{Broadcast, Measurement, age_at};
+use crate::network::ReadError;
 use crate::observation::Observation;
 use crate::table::{Table, TableError};
 use crate::tracker::LevelTracker;
@@ -129,10 +130,10 @@ impl<'t, R: Rng> Unit<'t, R> {
     /// A unit that stays silent until it is given a table.
     pub fn without_table(back_off: R) -> Self {
         Self {
-            actor: Err(TableError::Truncated {
+            actor: Err(TableError::Read(ReadError::Truncated {
                 found: 0,
                 expected: 0,
-            }),
+            })),
             back_off,
             tracker: LevelTracker::default(),
             known: None,
@@ -228,7 +229,7 @@ impl<'t, R: Rng> Unit<'t, R> {
             1 << 16
         };
         // A predicted level is no evidence of a collision on a strong channel: here only a lost turn makes a vehicle join.
-        let joins = observation.turn_lost();
+        let joins = observation.quantities().turn_lost();
         let decision = match clock::rule(&observation, table.required_sinr(), joins, draw) {
             // Needs no power.
             Action::Silent => Decision::Silent,

@@ -2,12 +2,11 @@
 
 use crate::observation::Readings;
 use crate::table_builder::Contents;
-use firmware::actor::{Actor, MAX_OUTPUTS};
+use firmware::actor::Actor;
 use firmware::decision::{Decision, PowerPlan, SUB_CHANNEL_CHOICES};
-use firmware::form::{
-    CONTINUOUS_ONE, ONE_HOT_AGES, ONE_HOT_INPUTS, ObservationForm, OutputForm, UNIFORM_ONE,
-};
-use firmware::observation::{ONE, Observation};
+use firmware::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
+use firmware::network::MAX_OUTPUTS;
+use firmware::observation::{ONE, ONE_HOT_AGES, ONE_HOT_INPUTS, Observation, UNIFORM_ONE};
 use firmware::table::Table;
 use firmware::units::{Dbm, Level, SubChannel};
 use proptest::prelude::*;
@@ -76,7 +75,7 @@ proptest! {
         }
         prop_assert_eq!(&rest[..6], &common[5..11]);
         prop_assert_eq!(&rest[6..9], &common[17..]);
-        let uniform = f64::from(observation.private_uniform()) / 65_536.0 * f64::from(UNIFORM_ONE);
+        let uniform = f64::from(observation.quantities().private_uniform()) / 65_536.0 * f64::from(UNIFORM_ONE);
         prop_assert!((f64::from(rest[9]) - (uniform + 0.5).floor()).abs() < 1e-9);
     }
 

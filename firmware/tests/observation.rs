@@ -79,6 +79,7 @@ fn private_uniform_is_accurate_at_every_difference() {
             ..Readings::default()
         }
         .observation()
+        .quantities()
         .private_uniform();
         assert!(uniform <= 65_536);
         let error = f64::from(uniform) / 65_536.0 - exact_share(difference);
@@ -112,8 +113,8 @@ fn thinned_uniform_is_the_uniform_over_the_probability() {
             }
             .observation();
             let probability = f64::from(u16::from(code) + 1) / 256.0;
-            let exact = f64::from(observation.private_uniform()) / 65_536.0 / probability;
-            let thinned = f64::from(observation.thinned_uniform()) / 65_536.0;
+            let exact = f64::from(observation.quantities().private_uniform()) / 65_536.0 / probability;
+            let thinned = f64::from(observation.quantities().thinned_uniform()) / 65_536.0;
             // Only below 1 does a joiner send.
             if exact < 1.0 {
                 worst = worst.max((thinned - exact).abs());
@@ -186,7 +187,10 @@ fn every_feature_is_within_one_step_of_its_formula() {
                 joiner_probability: code,
                 ..Readings::default()
             };
-            let (encoded, thinned) = (readings.encode(0), readings.observation().thinned_uniform());
+            let (encoded, thinned) = (
+                readings.encode(0),
+                readings.observation().quantities().thinned_uniform(),
+            );
             let real = f64::from(thinned) / 65_536.0;
             close(encoded[12], 64.0 * real.min(1.25), "thinned uniform");
             for (k, limit) in [0.25, 0.5, 0.75, 1.0].into_iter().enumerate() {

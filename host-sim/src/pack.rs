@@ -1,9 +1,9 @@
 //! An integer network in the order in which the firmware's kernel reads it. [`firmware::table`] describes the bytes,
-//! [`firmware::actor`] what they are for.
+//! [`firmware::network`] what they are for.
 
-use firmware::actor::{EVEN_ROW_LIMIT, Geometry, QUAD_ROWS};
+use firmware::network::{EVEN_ROW_LIMIT, Geometry, QUAD_ROWS};
 
-/// One layer in plain integers; see [`firmware::actor::DenseLayer`] for what they mean.
+/// One layer in plain integers; see [`firmware::network::DenseLayer`] for what they mean.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IntegerLayer {
     /// Row length.
@@ -179,7 +179,7 @@ fn own_products(weights: &[i8]) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::actor::Network;
+    use firmware::network::Network;
 
     fn network(inputs: usize, rows: &[i8]) -> Vec<IntegerLayer> {
         let layer = |inputs: usize, rows: &[i8]| IntegerLayer {

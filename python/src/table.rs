@@ -1,9 +1,10 @@
 //! Firmware tables: the shipped one, or one from a file; what they decide.
 
 use crate::error::{exception, in_c_order, value_error};
-use firmware::actor::{Actor, MAX_OUTPUTS};
+use firmware::actor::Actor;
 use firmware::decision::{ACTIONS, Action};
 use firmware::form::{ObservationForm, OutputForm};
+use firmware::network::MAX_OUTPUTS;
 use firmware::observation::INPUTS;
 use host_sim::command::options::{parse_table, table_bytes};
 use kit::files::write_whole;

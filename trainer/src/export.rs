@@ -3,7 +3,8 @@
 use crate::quantise::QuantisedNetwork;
 use firmware::decision::PowerPlan;
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::table::{CHECKSUM, HEADER_LEN, MAGIC, MAX_LAYERS, Provenance, Table, VERSION};
+use firmware::network::MAX_LAYERS;
+use firmware::table::{CHECKSUM, HEADER_LEN, MAGIC, Provenance, Table, VERSION};
 use firmware::units::{Level, SUB_CHANNELS};
 use host_sim::pack::{PackError, pack};
 use host_sim::revision::revision_text;

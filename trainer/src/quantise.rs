@@ -1,7 +1,7 @@
 //! From the float network to the firmware's integers: per-row weight scales, calibrated activations.
 
 use crate::network::{Layer, Network};
-use firmware::actor::EVEN_ROW_LIMIT;
+use firmware::network::EVEN_ROW_LIMIT;
 use firmware::observation::ONE;
 pub use host_sim::pack::IntegerLayer as QuantisedLayer;
 

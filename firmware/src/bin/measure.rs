@@ -27,11 +27,12 @@ mod target {
     use core::fmt::Write as _;
     use core::hint::black_box;
     use cortex_m::asm::wfi;
-    use firmware::actor::{Actor, MAX_OUTPUTS, Network, Scratch};
+    use firmware::actor::Actor;
     use firmware::decision::{Decision, PowerPlan};
     use firmware::form::{MAX_INPUTS, ObservationForm, OutputForm};
     use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
     use firmware::measurement::{Broadcast, Measurement, MeasurementError};
+    use firmware::network::{MAX_OUTPUTS, Network, Scratch};
     use firmware::observation::Observation;
     use firmware::table::{CHECKSUM, Table};
     use firmware::unit::{Event, Report, Unit, back_off};

@@ -5,11 +5,22 @@ mod quantities;
 
 pub use quantities::{INPUTS, ONE, Quantities, STRONG, turn_lost_after};
 
-use crate::form::{ONE_HOT_AGES, ONE_HOT_INPUTS, PAPER_INPUTS, UNIFORM_ONE};
 use crate::measurement::{Broadcast, Measurement};
 use crate::reciprocal::reciprocal;
 use crate::units::{Age, JoinerProbability, Level, Period, SUB_CHANNELS, SubChannel};
 use quantities::{flag, gain_code, interference_code, saturate};
+
+/// Ages that [`Observation::encode_age_one_hot`] tells apart; older ones are alike (chosen: seven periods of twenty vehicles).
+pub const ONE_HOT_AGES: usize = 51;
+
+/// Inputs of [`Observation::encode_age_one_hot`].
+pub const ONE_HOT_INPUTS: usize = ONE_HOT_AGES + 10;
+
+/// The code that stands there for a private uniform of 1.
+pub const UNIFORM_ONE: i8 = i8::MAX;
+
+/// Inputs of [`Observation::encode_paper`].
+pub const PAPER_INPUTS: usize = 2 * SUB_CHANNELS + 1;
 
 /// What one vehicle knows in one slot, with its home sub-channel first.
 ///
@@ -76,34 +87,19 @@ impl Observation {
         home
     }
 
-    /// Whether it is this vehicle's turn: its age is a multiple of the period.
-    pub fn own_turn(&self) -> bool {
-        self.quantities().own_turn()
-    }
-
-    /// Whether the last success is so long ago that the vehicle's turn is lost: longer than [`turn_lost_after`].
-    pub fn turn_lost(&self) -> bool {
-        self.quantities().turn_lost()
-    }
-
-    /// Whether the last success is more than three periods ago.
-    pub fn overdue(&self) -> bool {
-        self.quantities().overdue()
-    }
-
-    /// Whether some sub-channel is [`STRONG`].
-    pub fn strong(&self) -> bool {
-        self.quantities().strong()
-    }
-
-    /// [`Quantities::private_uniform`].
-    pub fn private_uniform(&self) -> i32 {
-        self.quantities().private_uniform()
-    }
-
-    /// [`Quantities::thinned_uniform`].
-    pub fn thinned_uniform(&self) -> i32 {
-        self.quantities().thinned_uniform()
+    /// The same in plain integers: whose turn it is, and what to draw from.
+    #[inline(always)]
+    pub fn quantities(&self) -> Quantities {
+        let period = u16::from(self.period.slots());
+        Quantities {
+            age: i32::from(self.age.slots()),
+            period: i32::from(period),
+            period_reciprocal: reciprocal(period),
+            turn_lost_after: i32::from(turn_lost_after(self.period)),
+            joiner_reciprocal: reciprocal(self.joiner_probability.in_256ths()),
+            gain: bits(self.gain),
+            interference: bits(self.interference),
+        }
     }
 
     /// The actor's input, in steps of 1/64.
@@ -118,7 +114,7 @@ impl Observation {
     /// | 5-7 | (gain in dB / 10 - 3.5) / 2; home first |
     /// | 8-10 | flags: the gain reaches `required_sinr`; home first |
     /// | 11 | flag: some gain is [`STRONG`] |
-    /// | 12 | thinned uniform, at most 1.25 |
+    /// | 12 | [`Quantities::thinned_uniform`], at most 1.25 |
     /// | 13-16 | flags: thinned uniform below 1/4, 1/2, 3/4, 1 |
     /// | 17-19 | interference in 40 dB; home first |
     pub fn encode(&self, required_sinr: Level) -> [i8; INPUTS] {
@@ -136,10 +132,13 @@ impl Observation {
     /// | 0-50 | flags: the age is 1, 2, ... 50, at least 51 |
     /// | 51-56 | 5-10 of [`Observation::encode`]: gains and their flags |
     /// | 57-59 | 17-19 of it: interference |
-    /// | 60 | private uniform, [`UNIFORM_ONE`] for 1 |
+    /// | 60 | [`Quantities::private_uniform`], [`UNIFORM_ONE`] for 1 |
     pub fn encode_age_one_hot(&self, required_sinr: Level) -> [i8; ONE_HOT_INPUTS] {
         let age = usize::from(self.age.slots()).min(ONE_HOT_AGES);
-        let uniform = self.private_uniform().wrapping_mul(i32::from(UNIFORM_ONE));
+        let uniform = self
+            .quantities()
+            .private_uniform()
+            .wrapping_mul(i32::from(UNIFORM_ONE));
         let encoded = self.encode(required_sinr);
         let levels = encoded.iter().skip(5).take(6).chain(encoded.iter().skip(17));
         let rest = levels
@@ -182,20 +181,6 @@ impl Observation {
             saturate(i32::from(self.age.slots())),
         ]
         .map(|input| input as i8)
-    }
-
-    #[inline(always)]
-    fn quantities(&self) -> Quantities {
-        let period = u16::from(self.period.slots());
-        Quantities {
-            age: i32::from(self.age.slots()),
-            period: i32::from(period),
-            period_reciprocal: reciprocal(period),
-            turn_lost_after: i32::from(turn_lost_after(self.period)),
-            joiner_reciprocal: reciprocal(self.joiner_probability.in_256ths()),
-            gain: bits(self.gain),
-            interference: bits(self.interference),
-        }
     }
 }
 

@@ -1,10 +1,10 @@
 //! From instructions to cycles of a Cortex-M4 at 168 MHz: a model, not a measurement.
 //!
-//! The kernel's instructions are few and known one by one (`firmware/src/actor/kernel.s`), so its cycles are added up from
+//! The kernel's instructions are few and known one by one (`firmware/src/network/kernel.s`), so its cycles are added up from
 //! the Cortex-M4 Technical Reference Manual (revision r0p1, table 3-1). Everything else is the compiler's code, for which a
 //! number of cycles for each instruction is assumed.
 
-use firmware::actor::{BLOCK_COLUMNS, Geometry, Network, QUAD_ROWS};
+use firmware::network::{BLOCK_COLUMNS, Geometry, Network, QUAD_ROWS};
 
 /// The core's clock.
 pub const CORE_HZ: f64 = 168.0e6;

@@ -5,8 +5,8 @@ mod emulator;
 pub mod image;
 pub mod network;
 
-use firmware::actor::Network;
 use firmware::link::{MeasurementFrame, ModemFrame};
+use firmware::network::Network;
 use firmware::table::Table;
 use image::{Footprint, Images};
 use kit::error::{Error, Result};

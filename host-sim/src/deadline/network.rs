@@ -11,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 pub struct PackedNetwork {
     /// Inputs, then each layer's outputs.
     pub widths: Vec<usize>,
-    /// For [`firmware::actor::Network::parse`].
+    /// For [`firmware::network::Network::parse`].
     pub bytes: Vec<u8>,
 }
 

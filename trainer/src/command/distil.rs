@@ -7,7 +7,8 @@ use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::forms::{ObservationForm, OutputForm};
 use crate::quantise::quantise;
 use crate::run_folder::RunFolder;
-use firmware::table::{MAX_LAYERS, Provenance, Table};
+use firmware::network::MAX_LAYERS;
+use firmware::table::{Provenance, Table};
 use host_sim::command::options::{ScenarioArguments, parse_table, progress_bar, thread_pool};
 use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
@@ -46,7 +47,7 @@ pub struct DistilArguments {
 }
 
 fn parse_width(text: &str) -> std::result::Result<usize, String> {
-    let most = firmware::actor::MAX_WIDTH;
+    let most = firmware::network::MAX_WIDTH;
     let width = text.parse().ok().filter(|width| (1..=most).contains(width));
     width.ok_or_else(|| format!("expected a width from 1 to {most}"))
 }

@@ -2,9 +2,9 @@
 
 use crate::distil::{as_float, best_action};
 use firmware::decision::{Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES};
-use firmware::form::{ONE_HOT_INPUTS, PAPER_INPUTS, UNIFORM_ONE};
 use firmware::measurement::Measurement;
 use firmware::observation::{ONE, Observation};
+use firmware::observation::{ONE_HOT_INPUTS, PAPER_INPUTS, UNIFORM_ONE};
 use firmware::units::{Age, Dbm, Level, SUB_CHANNELS, SubChannel};
 use host_sim::stream::Stream;
 use serde::{Deserialize, Serialize};
@@ -73,7 +73,7 @@ const PAPER_AGE: usize = PAPER_INPUTS - 1;
 fn age_one_hot(measurement: &Measurement, required_sinr: Level) -> [f32; ONE_HOT_INPUTS] {
     let observation = Observation::new(measurement);
     let mut inputs = as_float(&observation.encode_age_one_hot(required_sinr));
-    inputs[ONE_HOT_UNIFORM] = observation.private_uniform() as f32 / 65_536.0;
+    inputs[ONE_HOT_UNIFORM] = observation.quantities().private_uniform() as f32 / 65_536.0;
     inputs
 }
 

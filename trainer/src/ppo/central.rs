@@ -29,7 +29,7 @@ impl Standing {
             usize::from(observation.period().slots()),
         );
         let age_class = match age / period {
-            _ if observation.turn_lost() => 5,
+            _ if observation.quantities().turn_lost() => 5,
             0 => 0,
             1 => 1,
             2 => 2,

@@ -2,8 +2,7 @@
 
 use super::cell::Costs;
 use super::optimiser::Rates;
-use firmware::actor::MAX_WIDTH;
-use firmware::table::MAX_LAYERS;
+use firmware::network::{MAX_LAYERS, MAX_WIDTH};
 use host_sim::scenario::Scenario;
 use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
-//! A table's network for a row of worlds at a time: the integers of [`firmware::actor::DenseLayer`], one lane a world.
+//! A table's network for a row of worlds at a time: the integers of [`firmware::network::DenseLayer`], one lane a world.
 
 use crate::lanes::{LANES, QUAD, Row, Vectors, pair};
-use firmware::actor::{MAX_OUTPUTS, QUAD_ROWS, scaled_product};
 use firmware::decision::better;
+use firmware::network::{MAX_OUTPUTS, QUAD_ROWS, scaled_product};
 use firmware::table::Table;
 
 const _: () = assert!(QUAD == QUAD_ROWS);
@@ -106,7 +106,7 @@ impl LaneNetwork {
 
 impl Quad {
     /// Four rows from a table, without the columns that only fill blocks.
-    fn new(quad: &firmware::actor::Quad<'_>, pairs: usize) -> Self {
+    fn new(quad: &firmware::network::Quad<'_>, pairs: usize) -> Self {
         let columns = |rows: [[i16; 4]; QUAD]| {
             [0, 2].map(|column| rows.map(|row| pair(i32::from(row[column]), i32::from(row[column + 1]))))
         };

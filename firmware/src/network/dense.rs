@@ -2,14 +2,9 @@
 //! which a table holds it.
 #![deny(clippy::float_arithmetic)]
 
-use super::Activations;
-use crate::table::TableError;
-
-/// Widest layer a table may have (the paper's actor has 1024 units in its first hidden layer).
-pub const MAX_WIDTH: usize = 1024;
-
-/// Most outputs of a network's last layer.
-pub const MAX_OUTPUTS: usize = 8;
+use super::activations::Activations;
+use super::error::ReadError;
+use super::geometry::{BLOCK_COLUMNS, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS};
 
 /// Largest magnitude of a bias. With at most [`MAX_WIDTH`] products of at most 255 x 128, an accumulator then stays
 /// below 2^31.
@@ -17,58 +12,6 @@ const MAX_BIAS: i32 = 1 << 30;
 
 /// An even row's accumulator stays in `-EVEN_ROW_LIMIT..EVEN_ROW_LIMIT`: the kernel holds 256 times it in 32 bits.
 pub const EVEN_ROW_LIMIT: i32 = 1 << 23;
-
-/// Rows of a quad: what the stream holds, and the kernel computes, together.
-pub const QUAD_ROWS: usize = 4;
-
-/// Columns are padded to a multiple of this: one unrolled step of the kernel.
-pub const BLOCK_COLUMNS: usize = 8;
-
-/// A layer's shape, and the place in its network that decides what its activations can be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Geometry {
-    /// Row length.
-    pub inputs: usize,
-    /// Number of rows.
-    pub outputs: usize,
-    /// Whether its activations are the network's int8 input; otherwise they are 0 to 255.
-    pub first: bool,
-    /// Whether its rows are the network's outputs; otherwise they are another layer's activations.
-    pub last: bool,
-}
-
-impl Geometry {
-    /// Row length in the stream.
-    pub const fn columns(&self) -> usize {
-        self.inputs.next_multiple_of(BLOCK_COLUMNS)
-    }
-
-    /// Number of rows in the stream. A hidden layer's are whole blocks of the next layer's columns.
-    pub const fn rows(&self) -> usize {
-        self.outputs
-            .next_multiple_of(if self.last { QUAD_ROWS } else { BLOCK_COLUMNS })
-    }
-
-    /// Bytes of a quad: four words of sums to start from, two bytes for four rows' weights in a column pair, four
-    /// multipliers.
-    const fn quad_len(&self) -> usize {
-        self.columns().saturating_mul(QUAD_ROWS).saturating_add(32)
-    }
-
-    /// Bytes of the stream.
-    pub const fn stream_len(&self) -> usize {
-        (self.rows() / QUAD_ROWS).saturating_mul(self.quad_len())
-    }
-
-    /// The least and the greatest activation.
-    const fn activation_range(&self) -> (i32, i32) {
-        if self.first {
-            (i8::MIN as i32, i8::MAX as i32)
-        } else {
-            (0, u8::MAX as i32)
-        }
-    }
-}
 
 /// One layer's parameters, read in place from a table. [`crate::table`] describes the bytes.
 ///
@@ -99,12 +42,12 @@ impl<'t> DenseLayer<'t> {
     /// follow from biases and weights, and rows that stay in their range whatever the activations are.
     ///
     /// # Errors
-    /// [`TableError`] names the first field that does not fit.
-    pub fn parse(geometry: Geometry, bytes: &'t [u8]) -> Result<(Self, &'t [u8]), TableError> {
+    /// [`ReadError`] names the first field that does not fit.
+    pub fn parse(geometry: Geometry, bytes: &'t [u8]) -> Result<(Self, &'t [u8]), ReadError> {
         let most_outputs = if geometry.last { MAX_OUTPUTS } else { MAX_WIDTH };
         for (width, most) in [(geometry.inputs, MAX_WIDTH), (geometry.outputs, most_outputs)] {
             if width == 0 || width > most {
-                return Err(TableError::field("width", width as i32, most as i32));
+                return Err(ReadError::field("width", width as i32, most as i32));
             }
         }
         let (biases, bytes) = split(bytes, geometry.rows().saturating_mul(4))?;
@@ -258,7 +201,7 @@ impl<'t> Quad<'t> {
     }
 
     /// Checks what the kernel relies on. All rows behind the first `used` are padding.
-    fn check(&self, geometry: &Geometry, used: usize) -> Result<(), TableError> {
+    fn check(&self, geometry: &Geometry, used: usize) -> Result<(), ReadError> {
         let biases = self.biases();
         let (least, greatest) = geometry.activation_range();
         let mut low = biases;
@@ -267,7 +210,7 @@ impl<'t> Quad<'t> {
         let mut column = 0_usize;
         for block in self.weights {
             if let Some(&halfword) = halfwords(block).iter().find(|&&half| half > MAX_HALFWORD) {
-                return Err(TableError::field(
+                return Err(ReadError::field(
                     "weight pair",
                     i32::from(halfword),
                     i32::from(MAX_HALFWORD),
@@ -284,7 +227,7 @@ impl<'t> Quad<'t> {
                 for (index, &weight) in weights.iter().enumerate() {
                     let inside = row < used && column.saturating_add(index) < geometry.inputs;
                     if weight != 0 && !inside {
-                        return Err(TableError::field("padding", i32::from(weight), 0));
+                        return Err(ReadError::field("padding", i32::from(weight), 0));
                     }
                     let ends = [least, greatest].map(|end| i32::from(weight).wrapping_mul(end));
                     let [first, second] = ends;
@@ -300,10 +243,10 @@ impl<'t> Quad<'t> {
         }
         for (row, (&bias, multiplier)) in biases.iter().zip(self.multipliers()).enumerate() {
             if row >= used && (bias != 0 || multiplier != 0) {
-                return Err(TableError::field("padding", bias | multiplier, 0));
+                return Err(ReadError::field("padding", bias | multiplier, 0));
             }
             if bias.unsigned_abs() > MAX_BIAS.unsigned_abs() {
-                return Err(TableError::field("bias", bias, MAX_BIAS));
+                return Err(ReadError::field("bias", bias, MAX_BIAS));
             }
         }
         let [low_0, _, low_2, _] = low;
@@ -311,7 +254,7 @@ impl<'t> Quad<'t> {
         for (low, high) in [(low_0, high_0), (low_2, high_2)] {
             if low < EVEN_ROW_LIMIT.wrapping_neg() || high >= EVEN_ROW_LIMIT {
                 let worst = if high >= EVEN_ROW_LIMIT { high } else { low };
-                return Err(TableError::field("even row sum", worst, EVEN_ROW_LIMIT));
+                return Err(ReadError::field("even row sum", worst, EVEN_ROW_LIMIT));
             }
         }
         let [bias_0, bias_1, bias_2, bias_3] = biases;
@@ -324,7 +267,7 @@ impl<'t> Quad<'t> {
         ];
         for (found, expected) in words(self.start).into_iter().zip(expected) {
             if found != expected {
-                return Err(TableError::field("start of sums", found, expected));
+                return Err(ReadError::field("start of sums", found, expected));
             }
         }
         Ok(())
@@ -349,8 +292,8 @@ pub const fn scaled_product(accumulator: i64, multiplier: i64) -> i64 {
     accumulator.wrapping_mul(multiplier).wrapping_add(1 << 31)
 }
 
-fn split(bytes: &[u8], length: usize) -> Result<(&[u8], &[u8]), TableError> {
-    bytes.split_at_checked(length).ok_or(TableError::Truncated {
+fn split(bytes: &[u8], length: usize) -> Result<(&[u8], &[u8]), ReadError> {
+    bytes.split_at_checked(length).ok_or(ReadError::Truncated {
         found: bytes.len() as u32,
         expected: length as u32,
     })

@@ -1,31 +1,24 @@
-//! Layers one after the other.
+//! Dense int8 layers one after the other, evaluated in integers only.
+//!
+//! [`DenseLayer`] holds the exact integer specification and portable code that is nothing else. On the Cortex-M4 a kernel
+//! in assembly takes its place; `kernel.rs` explains it.
 
-use super::dense::{DenseLayer, Geometry, MAX_OUTPUTS, MAX_WIDTH};
-use crate::table::{MAX_LAYERS, TableError};
+mod activations;
+mod dense;
+mod error;
+mod geometry;
+#[cfg(target_arch = "arm")]
+mod kernel;
+
+pub use activations::{Activations, Scratch};
+pub use dense::{DenseLayer, EVEN_ROW_LIMIT, Quad, scaled_product};
+pub use error::ReadError;
+pub use geometry::{BLOCK_COLUMNS, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS};
+
 use heapless::Vec;
 
-/// One layer's activations: int8 values before the first layer, 0 to 255 behind every other. Aligned to a word, because
-/// the kernel loads them two at a time.
-#[derive(Clone, Debug)]
-#[repr(C, align(4))]
-pub struct Activations(pub(super) [i16; MAX_WIDTH]);
-
-/// The activations of one inference, so that no slot allocates or clears anything.
-#[derive(Clone, Debug)]
-pub struct Scratch(pub(super) [Activations; 2]);
-
-impl Scratch {
-    /// What an inference leaves here means nothing to the next.
-    pub const fn new() -> Self {
-        Self([const { Activations([0; MAX_WIDTH]) }; 2])
-    }
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+/// Most dense layers in a network.
+pub const MAX_LAYERS: usize = 4;
 
 /// A checked network. Copies nothing: the layers point into the bytes.
 #[derive(Clone, Debug)]
@@ -38,10 +31,10 @@ impl<'t> Network<'t> {
     /// Checks the layers in `bytes`, which they must fill. `widths` are the inputs, then each layer's outputs.
     ///
     /// # Errors
-    /// [`TableError`] names the first field that does not fit.
-    pub fn parse(widths: &[usize], bytes: &'t [u8]) -> Result<Self, TableError> {
+    /// [`ReadError`] names the first field that does not fit.
+    pub fn parse(widths: &[usize], bytes: &'t [u8]) -> Result<Self, ReadError> {
         let layers = widths.len().saturating_sub(1);
-        let out_of_range = TableError::field("layers", layers as i32, MAX_LAYERS as i32);
+        let out_of_range = ReadError::field("layers", layers as i32, MAX_LAYERS as i32);
         let (mut hidden, mut output, mut rest) = (Vec::new(), None, bytes);
         for (index, window) in widths.windows(2).enumerate() {
             let [inputs, outputs] = *window else { continue };
@@ -58,7 +51,7 @@ impl<'t> Network<'t> {
             }
         }
         if !rest.is_empty() {
-            return Err(TableError::field("left over bytes", rest.len() as i32, 0));
+            return Err(ReadError::field("left over bytes", rest.len() as i32, 0));
         }
         Ok(Self {
             hidden,
@@ -83,7 +76,7 @@ impl<'t> Network<'t> {
     }
 
     /// The layer that takes the input.
-    pub(super) fn first_layer(&self) -> &DenseLayer<'t> {
+    fn first_layer(&self) -> &DenseLayer<'t> {
         self.hidden.first().unwrap_or(&self.output)
     }
 
@@ -100,7 +93,7 @@ impl<'t> Network<'t> {
     /// code. The bits are the same.
     pub fn infer(&self, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         #[cfg(target_arch = "arm")]
-        if let Some(outputs) = super::kernel::infer(self, scratch, input) {
+        if let Some(outputs) = kernel::infer(&self.hidden, &self.output, scratch, input) {
             return outputs;
         }
         self.infer_portably(scratch, input)
@@ -115,17 +108,5 @@ impl<'t> Network<'t> {
             core::mem::swap(&mut now, &mut next);
         }
         self.output.outputs(now)
-    }
-}
-
-impl Activations {
-    /// Takes the input of a layer of this shape, and zeros for the rest of its last block: the kernel multiplies padding, too.
-    pub(super) fn load(&mut self, input: &[i8], layer: &Geometry) {
-        let length = input.len().min(layer.inputs);
-        for (activation, &value) in self.0.iter_mut().zip(input.iter().take(length)) {
-            *activation = i16::from(value);
-        }
-        let padding = self.0.get_mut(length..layer.columns());
-        padding.unwrap_or_default().fill(0);
     }
 }

@@ -21,7 +21,7 @@
 //! over all columns, is the same for all rows: it is computed once for a layer, while the layer before stores its outputs.
 //!
 //! **Separation at the end.** `A = (P - B) >> 8` is exact while `256 A` fits 32 bits, so even rows must stay below 2^23 in
-//! magnitude; odd rows need not. [`DenseLayer::parse`](super::DenseLayer::parse) refuses a table in which some
+//! magnitude; odd rows need not. [`DenseLayer::parse`] refuses a table in which some
 //! activations could break this.
 //!
 //! All sums wrap modulo 2^32, so intermediate overflows cancel. No instruction depends on a value: for one network, the
@@ -39,8 +39,9 @@
 
 #![allow(unsafe_code, reason = "the kernel is written in assembly")]
 
-use super::dense::{MAX_OUTPUTS, QUAD_ROWS};
-use super::network::{Network, Scratch};
+use super::activations::Scratch;
+use super::dense::DenseLayer;
+use super::geometry::{MAX_OUTPUTS, QUAD_ROWS};
 use core::arch::global_asm;
 
 global_asm!(include_str!("kernel.s"), options(raw));
@@ -70,19 +71,19 @@ unsafe extern "C" {
     );
 }
 
-/// The network's outputs, or `None` if its bytes are not aligned to a word.
+/// The outputs of a network of these layers, or `None` if its bytes are not aligned to a word.
 pub(super) fn infer(
-    network: &Network<'_>,
+    hidden: &[DenseLayer<'_>],
+    output: &DenseLayer<'_>,
     scratch: &mut Scratch,
     input: &[i8],
 ) -> Option<[i32; MAX_OUTPUTS]> {
     // A layer's biases and stream are whole words, so either all layers are aligned or none is.
-    let output = network.output_layer();
     if !output.stream().as_ptr().cast::<u32>().is_aligned() {
         return None;
     }
     let [mut now, mut next] = scratch.0.each_mut();
-    let first = network.first_layer().geometry();
+    let first = hidden.first().unwrap_or(output).geometry();
     now.load(input, first);
     let mut outputs = [0; MAX_OUTPUTS];
     let columns = first.columns();
@@ -93,7 +94,7 @@ pub(super) fn infer(
     unsafe {
         let start = now.0.as_ptr();
         let mut pair_products = freshlane_pair_products(start, start.wrapping_add(columns));
-        for layer in network.hidden_layers() {
+        for layer in hidden {
             let end = next.0.as_ptr().wrapping_add(layer.geometry().rows());
             pair_products = freshlane_hidden_layer(
                 layer.stream().as_ptr(),

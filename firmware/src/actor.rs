@@ -1,20 +1,7 @@
-//! The frozen actor: dense int8 layers over a weight table, evaluated in integers only.
-//!
-//! [`DenseLayer`] holds the exact integer specification and portable code that is nothing else. On the Cortex-M4 a kernel
-//! in assembly takes its place; `kernel.rs` explains it.
-
-mod dense;
-#[cfg(target_arch = "arm")]
-mod kernel;
-mod network;
-
-pub use dense::{
-    BLOCK_COLUMNS, DenseLayer, EVEN_ROW_LIMIT, Geometry, MAX_OUTPUTS, MAX_WIDTH, QUAD_ROWS, Quad,
-    scaled_product,
-};
-pub use network::{Activations, Network, Scratch};
+//! The frozen actor: a weight table's network between the forms that its header names.
 
 use crate::decision::Decision;
+use crate::network::{MAX_OUTPUTS, Scratch};
 use crate::observation::Observation;
 use crate::table::Table;
 
@@ -39,7 +26,7 @@ impl<'t> Actor<'t> {
         &self.table
     }
 
-    /// The network's outputs for an encoded observation ([`Network::infer`]).
+    /// The network's outputs for an encoded observation ([`Network::infer`](crate::network::Network::infer)).
     pub fn infer(&mut self, input: &[i8]) -> [i32; MAX_OUTPUTS] {
         self.table.network().infer(&mut self.scratch, input)
     }
