@@ -29,11 +29,11 @@ pub fn describe_built_in_table() -> ExitCode {
 }
 
 fn description(table: &Table<'_>) -> String {
-    let layers = || table.hidden_layers().iter().chain([table.output_layer()]);
     let widths: Vec<usize> = table.network().widths().collect();
     let geometry = widths.iter().map(usize::to_string).collect::<Vec<_>>().join("-");
-    let products: usize = layers()
-        .map(|layer| layer.inputs_len() * layer.outputs_len())
+    let products: usize = widths
+        .windows(2)
+        .map(|layer| layer.iter().product::<usize>())
         .sum();
 
     let provenance = table.provenance();

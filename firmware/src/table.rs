@@ -26,7 +26,7 @@
 //! | 88 | layers | each: an i32 bias for every row of the stream, then the stream |
 //! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
 //!
-//! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`]). But what
+//! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`](crate::network::DenseLayer)). But what
 //! [`OutputForm::SubChannelAndPower`] makes of outputs needs their scale, so only 1/[`CONTINUOUS_ONE`] is accepted there.
 //!
 //! # Stream
@@ -48,7 +48,7 @@
 
 use crate::decision::{JOINER_LEVELS, PowerPlan};
 use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
-use crate::network::{DenseLayer, MAX_LAYERS, MAX_WIDTH, Network, ReadError};
+use crate::network::{MAX_LAYERS, MAX_WIDTH, Network, ReadError};
 use crate::units::{Dbm, Level, SUB_CHANNELS};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -243,7 +243,7 @@ impl<'t> Table<'t> {
         expect("inputs", inputs as i32, observation_form.inputs() as i32)?;
         expect(
             "outputs",
-            network.output_layer().outputs_len() as i32,
+            network.output_layer().geometry().outputs as i32,
             output_form.outputs() as i32,
         )?;
         if output_form == OutputForm::SubChannelAndPower {
@@ -273,16 +273,6 @@ impl<'t> Table<'t> {
     /// The network.
     pub const fn network(&self) -> &Network<'t> {
         &self.network
-    }
-
-    /// The layers before the last.
-    pub fn hidden_layers(&self) -> &[DenseLayer<'t>] {
-        self.network.hidden_layers()
-    }
-
-    /// The last layer.
-    pub const fn output_layer(&self) -> &DenseLayer<'t> {
-        self.network.output_layer()
     }
 
     /// The real value of one step of the inputs, then of each layer's outputs, in 2^-24; unused ones are 0.

@@ -28,12 +28,7 @@ fn every_field_arrives() {
     assert!(table.provenance().modified);
     assert_eq!(table.scales(), &contents.scales);
     assert_eq!(table.bytes(), bytes);
-    let widths: Vec<_> = table
-        .hidden_layers()
-        .iter()
-        .chain([table.output_layer()])
-        .map(|layer| layer.outputs_len())
-        .collect();
+    let widths: Vec<_> = table.network().widths().skip(1).collect();
     assert_eq!(widths, [5, 3, ACTIONS]);
 }
 

@@ -199,7 +199,7 @@ mod tests {
         for inputs in [1, 4, 7, 259] {
             let bytes = pack(&network(inputs, &[127, -128, -127, 5, -3])).unwrap();
             let parsed = Network::parse(&[3, inputs, 5], &bytes).unwrap();
-            assert_eq!(parsed.output_layer().inputs_len(), inputs);
+            assert_eq!(parsed.output_layer().geometry().inputs, inputs);
         }
     }
 

@@ -252,7 +252,7 @@ mod target {
         let (mut kernel, mut portable) = (Counts::NONE, Counts::NONE);
         let (mut mismatches, mut digest) = (0_u32, CHECKSUM.digest());
         let mut input = [0; MOST_INPUTS];
-        let input = input.get_mut(..network.layers().next()?.inputs_len())?;
+        let input = input.get_mut(..network.layers().next()?.geometry().inputs)?;
         for index in 0..inputs {
             random_input(&mut rng, index, input);
             let input = &*input;

@@ -71,16 +71,6 @@ impl<'t> DenseLayer<'t> {
         &self.geometry
     }
 
-    /// Number of rows.
-    pub const fn outputs_len(&self) -> usize {
-        self.geometry.outputs
-    }
-
-    /// Row length.
-    pub const fn inputs_len(&self) -> usize {
-        self.geometry.inputs
-    }
-
     /// The quads of rows, for a kernel.
     pub const fn stream(&self) -> &'t [u8] {
         self.stream

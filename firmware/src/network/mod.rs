@@ -61,8 +61,8 @@ impl<'t> Network<'t> {
 
     /// Number of inputs, then each layer's outputs.
     pub fn widths(&self) -> impl Iterator<Item = usize> {
-        let outputs = self.layers().map(DenseLayer::outputs_len);
-        core::iter::once(self.first_layer().inputs_len()).chain(outputs)
+        let outputs = self.layers().map(|layer| layer.geometry().outputs);
+        core::iter::once(self.first_layer().geometry().inputs).chain(outputs)
     }
 
     /// The layers before the last.
