@@ -92,6 +92,7 @@ class Evaluation:
     @property
     def start_ms(self) -> NDArray[np.float64]: ...
 
+def policies() -> list[tuple[str, str]]: ...
 def evaluate_policy(
     policy: str,
     table: Table,

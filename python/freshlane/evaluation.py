@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arguments
-from ._native import Batch, Evaluation, Scenario, Table, evaluate_policy
+from ._native import Batch, Evaluation, Scenario, Table, evaluate_policy, policies
 from .batch import ACTIONS
 
-POLICIES = ("actor", "central", "clock", "age-threshold", "aloha", "random", "always")
-"""The simulator's own policies; "actor" is the shipped table."""
+POLICIES: dict[str, str] = dict(policies())
+"""The simulator's own policies with what each does; "actor" is the shipped table."""
 
 Policy = Callable[[NDArray[np.int8]], ArrayLike]
 

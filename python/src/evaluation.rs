@@ -5,7 +5,7 @@ use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::thread_pool;
-use host_sim::policy::Kind;
+use host_sim::policy::{KINDS, Kind};
 use host_sim::simulation::{Extent, Simulation};
 use kit::choice::Choice as _;
 use numpy::PyArray1;
@@ -106,6 +106,12 @@ pub fn extent(worlds: u32, slots: u32, warmup: u32, seed: u64) -> PyResult<Exten
         slots,
         warmup,
     })
+}
+
+/// Names of the simulator's own policies, each with what it does, in the order of its reports.
+#[pyfunction]
+pub fn policies() -> Vec<(&'static str, &'static str)> {
+    KINDS.iter().map(|kind| (kind.name, kind.meaning)).collect()
 }
 
 /// Runs one of the simulator's own policies; "actor" takes the table.

@@ -22,7 +22,7 @@ mod _native {
     #[pymodule_export]
     use crate::batch::Batch;
     #[pymodule_export]
-    use crate::evaluation::{Evaluation, evaluate_policy};
+    use crate::evaluation::{Evaluation, evaluate_policy, policies};
     #[pymodule_export]
     use crate::export::FloatNetwork;
     #[pymodule_export]

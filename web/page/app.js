@@ -47,9 +47,10 @@ function open() {
     return;
   }
   Object.assign(state, { cell, changes: [], selected: null, debt: 0, joined: 0 });
-  const options = cell.about.policies.map(({ name, refused }) => {
+  const options = cell.about.policies.map(({ name, meaning, refused }) => {
     const option = new Option(refused ? `${name} (not at this C_min)` : name, name);
     option.disabled = Boolean(refused);
+    option.title = meaning;
     return option;
   });
   element("policy").replaceChildren(...options);

@@ -123,7 +123,7 @@ impl Session {
     pub fn description(&self) -> Value {
         let policies = KINDS.iter().map(|policy| {
             let refused = policy.check(self.scenario, self.jammed.len(), self.table).err();
-            json!({ "name": policy.name, "refused": refused.map(|error| error.to_string()) })
+            json!({ "name": policy.name, "meaning": policy.meaning, "refused": refused.map(|error| error.to_string()) })
         });
         let policies: Vec<Value> = policies.collect();
         json!({
