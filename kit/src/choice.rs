@@ -28,3 +28,52 @@ pub trait Choice: Copy + 'static {
         })
     }
 }
+
+/// Declares a choice that stands in configurations: an enumeration whose variants carry their meaning as a doc comment, and
+/// their name.
+///
+/// ```
+/// use kit::choice::Choice as _;
+///
+/// kit::choices! {
+///     /// When networks learn.
+///     pub enum Updates {
+///         /// Once after every episode.
+///         Episode = "episode",
+///         /// Once after every slot.
+///         Slot = "slot",
+///     }
+/// }
+/// assert_eq!(Updates::Slot.meaning(), "Once after every slot.");
+/// ```
+#[macro_export]
+macro_rules! choices {
+    ($(
+        $(#[$attribute:meta])*
+        $visibility:vis enum $choice:ident {
+            $($(#[doc = $meaning:literal])+ $variant:ident = $name:literal,)+
+        }
+    )+) => {$(
+        $(#[$attribute])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        $visibility enum $choice {
+            $($(#[doc = $meaning])+ #[serde(rename = $name)] $variant,)+
+        }
+
+        impl $crate::choice::Choice for $choice {
+            const ALL: &'static [Self] = &[$(Self::$variant,)+];
+
+            fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)+
+                }
+            }
+
+            fn meaning(self) -> &'static str {
+                match self {
+                    $(Self::$variant => concat!($($meaning),+).trim_ascii(),)+
+                }
+            }
+        }
+    )+};
+}
