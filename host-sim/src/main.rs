@@ -37,7 +37,7 @@ enum Command {
     /// Write a scenario with every key, unit, range and source, and its JSON schema
     Init(command::scenario::InitArguments),
     /// What a scenario's keys mean
-    Explain(command::scenario::ExplainArguments),
+    Explain(command::explain::ExplainArguments),
     /// The JSON schema of scenario files
     Schema,
     /// Completions for a shell, such as `source <(host-sim completions bash)`

@@ -3,7 +3,9 @@
 use crate::error::{exception, value_error};
 use clap::ValueEnum;
 use host_sim::mobility::{MobilitySource, read_source};
-use host_sim::scenario::{self, Key, Preset, ScenarioSource, nearest_key};
+use host_sim::scenario::{self, Preset, ScenarioSource, nearest_key};
+use kit::choice::Choice as _;
+use kit::keys::listed;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -27,8 +29,7 @@ impl Scenario {
     #[new]
     #[pyo3(signature = (preset = "paper", *, file = None, settings = None))]
     fn new(preset: &str, file: Option<PathBuf>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let preset = Preset::from_str(preset, false)
-            .map_err(|_| value_error("preset", format!("\"{preset}\""), names::<Preset>()))?;
+        let preset = Preset::of_name("preset", preset).map_err(exception)?;
         let mut lines = Vec::new();
         for (key, value) in settings.into_iter().flatten() {
             lines.push(format!("{}={}", key.extract::<String>()?, value.str()?));
@@ -46,12 +47,15 @@ impl Scenario {
     ///
     /// Raises KeyError for an unknown key and names the nearest one.
     fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
-        let Some(known) = Key::find(key) else {
+        if listed(scenario::Scenario::KEYS)
+            .iter()
+            .all(|(name, _)| name != key)
+        {
             let message = format!("{key}: found an unknown key, expected {}", nearest_key(key));
             return Err(PyKeyError::new_err(message));
-        };
-        let (section, name) = known.parts();
-        self.to_dict(py)?.get_item(section)?.get_item(name)
+        }
+        key.split('.')
+            .try_fold(self.to_dict(py)?, |values, part| values.get_item(part))
     }
 
     /// Every key's value: {section: {key: value}}.

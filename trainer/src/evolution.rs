@@ -14,68 +14,57 @@ use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Purpose, Stream};
 use kit::error::{Error, Result};
+use kit::keys;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::json;
 
-/// The search's parameters; `presets/evolution.toml` says what they mean.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the preset documents every key")]
-pub struct Evolution {
-    pub episodes: u64,
-    pub hidden: Vec<usize>,
-    pub population: u32,
-    pub elite: u32,
-    pub worlds: u64,
-    pub slots: u32,
-    pub first_deviation: f32,
-    pub least_deviation: f32,
-    pub silence_bias: f32,
+keys! {
+    /// The search's parameters.
+    pub struct Evolution {
+        /// Generations.
+        #[key(range = 1.0..=1e6, unit = "generations", source = "chosen")]
+        pub episodes: u64,
+        /// Widths of the actor's hidden layers.
+        #[key(range = 1.0..=4096.0, longest = 8, unit = "widths", source = "chosen")]
+        pub hidden: Vec<usize>,
+        /// Actors tried in a generation, all on the same worlds.
+        #[key(range = 2.0..=1e7, unit = "actors", source = "chosen")]
+        pub population: u32,
+        /// Best actors of a generation, from which the next one is drawn: at most half of it.
+        #[key(range = 1.0..=1e6, unit = "actors", source = "chosen")]
+        pub elite: u32,
+        /// Worlds that each actor is tried in.
+        #[key(range = 1.0..=1e6, unit = "worlds", source = "chosen")]
+        pub worlds: u64,
+        /// Slots of a world.
+        #[key(range = 1.0..=1e6, unit = "slots", source = "chosen")]
+        pub slots: u32,
+        /// Standard deviation of a parameter in the first generation.
+        #[key(range = 1e-6..=1e3, source = "chosen")]
+        pub first_deviation: f32,
+        /// Least standard deviation of a parameter in any generation.
+        #[key(range = 1e-6..=1e3, source = "chosen")]
+        pub least_deviation: f32,
+        /// Bias of the action of silence in the first generation: an actor that always sends learns nothing
+        /// from anybody.
+        #[key(range = -1e6..=1e6, source = "chosen")]
+        pub silence_bias: f32,
+    }
 }
 
 impl Evolution {
-    /// Checks ranges.
+    /// Checks keys against each other.
     ///
     /// # Errors
-    /// The first key that is out of its range.
-    pub fn check(&self, _scenario: &Scenario) -> Result<()> {
-        let positive = [
-            ("evolution.episodes", self.episodes),
-            ("evolution.elite", self.elite.into()),
-            ("evolution.worlds", self.worlds),
-            ("evolution.slots", self.slots.into()),
-        ];
-        for (key, value) in positive {
-            if !(1..=1_000_000).contains(&value) {
-                return Err(Error::input(key, value, "1 to 1000000"));
-            }
-        }
+    /// A key that does not go with another.
+    pub fn check(&self) -> Result<()> {
         if self.elite > self.population / 2 {
             let expected = format!(
                 "at most half of evolution.population, which is {}",
                 self.population
             );
             return Err(Error::input("evolution.elite", self.elite, expected));
-        }
-        if !self.hidden.iter().all(|width| (1..=4096).contains(width)) {
-            let found = format!("{:?}", self.hidden);
-            return Err(Error::input("evolution.hidden", found, "widths from 1 to 4096"));
-        }
-        for (key, value) in [
-            ("evolution.first_deviation", self.first_deviation),
-            ("evolution.least_deviation", self.least_deviation),
-        ] {
-            if !(1e-6..=1e3).contains(&value) {
-                return Err(Error::input(key, value, "a number from 1e-6 to 1000"));
-            }
-        }
-        if !self.silence_bias.is_finite() {
-            return Err(Error::input(
-                "evolution.silence_bias",
-                self.silence_bias,
-                "a number",
-            ));
         }
         Ok(())
     }

@@ -20,6 +20,8 @@ enum Command {
     Distil(command::distil::DistilArguments),
     /// Run a learning algorithm
     Train(command::train::TrainArguments),
+    /// What a key of a configuration means, its range, unit and source; or all keys
+    Explain(command::explain::ExplainArguments),
     /// Train and evaluate the cases of a plan, and write one table
     Study(command::study::StudyArguments),
     /// Ages of a table, or of a training run, on held-out worlds
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Command::Bench(arguments) => command::bench::run(&arguments),
         Command::Distil(arguments) => command::distil::run(&arguments),
         Command::Train(arguments) => command::train::run(&arguments),
+        Command::Explain(arguments) => command::explain::run(&arguments),
         Command::Study(arguments) => command::study::run(&arguments),
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Compare(arguments) => command::compare::run(&arguments),

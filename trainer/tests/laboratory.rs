@@ -157,6 +157,26 @@ fn bad_options_are_refused_before_anything_is_written() {
 }
 
 #[test]
+fn every_key_is_explained() {
+    let explained = success(&trainer(&["explain", "--json"]));
+    let keys = explained["keys"].as_array().unwrap();
+    let key = |name: &str| keys.iter().find(|key| key["key"] == name).unwrap();
+    assert_eq!(key("ppo.clip")["maximum"], 1.0);
+    assert_eq!(key("maddpg.replay")["unit"], "transitions");
+    assert_eq!(key("scenario.cell.vehicles")["default"], 20);
+    let text = |key: &str| String::from_utf8(trainer(&["explain", key]).stdout).unwrap();
+    let one = text("maddpg.updates");
+    assert!(one.starts_with("maddpg.updates = \"episode\"\n  When networks learn."));
+    assert!(one.contains("\n  \"slot\": Once after every slot, as the authors' companion code does."));
+    assert!(one.contains("\n  in preset freshlane: \"slot\""));
+    assert_eq!(text("evolution").lines().count(), 1 + 9);
+    assert_eq!(
+        refusal(trainer(&["explain", "maddpg.nois"])),
+        "error: explain: found maddpg.nois, expected maddpg.noise, or another key"
+    );
+}
+
+#[test]
 fn a_trained_run_is_evaluated_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");

@@ -218,7 +218,7 @@ fn a_restored_run_continues_bit_for_bit() {
         assert!(saved != undisturbed);
         let mut resumed = small_on(form, backend);
         resumed.restore(saved).unwrap();
-        assert!(run(&mut resumed, 2) == undisturbed, "{form:?}, {backend}");
+        assert!(run(&mut resumed, 2) == undisturbed, "{form:?}, {backend:?}");
     }
 }
 
@@ -232,7 +232,7 @@ fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
                 .unwrap();
             pool.install(|| run(&mut small_on(Preset::Companion, backend), 3))
         };
-        assert!(on(1) == on(3), "{backend}");
+        assert!(on(1) == on(3), "{backend:?}");
     }
 }
 
@@ -279,13 +279,19 @@ fn contradictory_options_are_refused_by_name() {
     assert!(message(&|options| options.entropy = 0.1).ends_with(
         "with maddpg.action = \"sub-channel-and-power\", expected an action that is a choice, or 0"
     ));
+    let refused = |setting: &str| {
+        let source = ConfigurationSource {
+            preset: Preset::Paper,
+            file: None,
+            settings: vec![setting.to_owned()],
+        };
+        source.read().unwrap_err().to_string()
+    };
     assert_eq!(
-        message(&|options| options.delay = 0),
-        "maddpg.delay: found 0, expected 1 to 1000"
+        refused("maddpg.delay=0"),
+        "maddpg.delay: found 0, expected 1 to 1000 updates"
     );
-    assert!(
-        message(&|options| options.discount = f32::NAN).starts_with("maddpg.discount: found NaN, expected")
-    );
+    assert!(refused("maddpg.discount=nan").starts_with("maddpg.discount: found NaN, expected"));
     let refusal = message(&|options| {
         options.backend = Backend::Burn;
         options.shared = true;

@@ -4,6 +4,7 @@ pub mod assign;
 pub mod bench;
 pub mod closed_loop;
 pub mod deadline;
+pub mod explain;
 pub mod figures;
 pub mod hil;
 pub mod merge;

@@ -1,12 +1,12 @@
 //! Options that sub-commands share.
 
-use crate::scenario::layers::sets;
 use crate::scenario::{Preset, Scenario, ScenarioSource};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use firmware::table::Table;
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::choice::Choice;
 use kit::error::{Error, Result};
+use kit::layers::sets;
 use std::path::{Path, PathBuf};
 
 /// Which scenario.
@@ -16,7 +16,7 @@ pub struct ScenarioArguments {
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Scenario to start from
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = choice::<Preset>(), default_value = Preset::default().name())]
     pub preset: Preset,
     /// Replace one key, such as radio.max_power_dbm=23 (repeatable)
     #[arg(long, value_name = "KEY=VALUE")]

@@ -1,14 +1,18 @@
 //! `host-sim init`, `explain` and `schema`: what a scenario may say, for people and for their editors.
 
-use crate::report::text_table::{Column, TextTable};
-use crate::scenario::{KEYS, Key, Preset, nearest_key, section_meaning};
+use super::explain::{ExplainArguments, bounds};
+use super::options::choice;
+use crate::scenario::{Preset, Scenario};
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::files::write_set;
+use kit::keys::{Key, Kind};
 use kit::say;
 use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use toml::Table;
 
 /// Options of `init`.
 #[derive(Clone, Debug, clap::Args)]
@@ -17,19 +21,8 @@ pub struct InitArguments {
     #[arg(value_name = "FILE", default_value = "scenario.toml")]
     pub file: PathBuf,
     /// Scenario to start from
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = choice::<Preset>(), default_value = Preset::default().name())]
     pub preset: Preset,
-    /// Print one JSON object
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Options of `explain`.
-#[derive(Clone, Debug, clap::Args)]
-pub struct ExplainArguments {
-    /// A key, such as radio.max_power_dbm, or a section; none lists all keys
-    #[arg(value_name = "KEY")]
-    pub key: Option<String>,
     /// Print one JSON object
     #[arg(long)]
     pub json: bool,
@@ -77,60 +70,16 @@ fn write_scenario(path: &Path, preset: Preset) -> Result<PathBuf> {
     Ok(schema_path)
 }
 
-/// Says what a key, a section or every key means.
+/// Says what a key, a section or every key of a scenario means.
 ///
 /// # Errors
 /// An unknown key.
 pub fn explain(arguments: &ExplainArguments) -> Result<()> {
-    let wanted = arguments.key.as_deref().unwrap_or_default();
-    let in_section = |key: &&Key| wanted.is_empty() || key.name == wanted || key.parts().0 == wanted;
-    let keys: Vec<&Key> = KEYS.iter().filter(in_section).collect();
-    if keys.is_empty() {
-        return Err(Error::input(
-            "explain",
-            wanted,
-            format!("{}, or another key", nearest_key(wanted)),
-        ));
-    }
-    if arguments.json {
-        say!(
-            "{}",
-            json!({ "keys": keys.iter().map(|key| to_json(key)).collect::<Vec<_>>() })
-        );
-        return Ok(());
-    }
-    if let [key] = keys[..] {
-        let (meaning, source) = key.meaning_and_source();
-        say!(
-            "{} = {}\n  {meaning}\n  range: {}\n  source: {source}",
-            key.name,
-            value(key, Preset::Paper),
-            key.range()
-        );
-        return Ok(());
-    }
-    let mut table = TextTable::new(
-        "",
-        [
-            Column::text("key"),
-            Column::text("default"),
-            Column::text("range"),
-            Column::text("meaning"),
-            Column::text("source"),
-        ],
-    );
-    for key in keys {
-        let (meaning, source) = key.meaning_and_source();
-        table.row([
-            key.name.into(),
-            value(key, Preset::Paper).into(),
-            key.range().into(),
-            meaning.into(),
-            source.into(),
-        ]);
-    }
-    say!("{}", table.to_string().trim_end());
-    Ok(())
+    let presets: Vec<_> = Preset::ALL
+        .iter()
+        .map(|preset| (preset.name(), preset.values()))
+        .collect();
+    super::explain::explain(Scenario::KEYS, &presets, arguments)
 }
 
 /// Prints the schema.
@@ -142,92 +91,63 @@ pub fn print_schema() -> Result<()> {
     Ok(())
 }
 
-/// A key's value in a preset, as TOML.
-fn value(key: &Key, preset: Preset) -> String {
-    key.value(&preset.values())
-        .map_or(String::new(), ToString::to_string)
-}
-
-fn to_json(key: &Key) -> Value {
-    let (meaning, source) = key.meaning_and_source();
-    let mut object = json!({
-        "key": key.name,
-        "unit": key.unit,
-        "default": number(key, Preset::Paper),
-        "meaning": meaning,
-        "source": source,
-    });
-    object["minimum"] = bound(key, key.least);
-    object["maximum"] = bound(key, key.most);
-    object
-}
-
-/// A bound as a whole number where the key takes only those.
-fn bound(key: &Key, value: f64) -> Value {
-    if key.is_whole() {
-        json!(value as i64)
-    } else {
-        json!(value)
-    }
-}
-
-fn number(key: &Key, preset: Preset) -> Value {
-    let values = preset.values();
-    match key.value(&values) {
-        Some(toml::Value::Integer(whole)) => json!(whole),
-        Some(toml::Value::Float(float)) => json!(float),
-        _ => Value::Null,
-    }
-}
-
-/// The scenario of a preset as TOML, with unit, range, meaning and source of each key.
+/// The scenario of a preset as TOML, with meaning, range and source of each key.
 fn commented(preset: Preset, schema_name: &str) -> String {
     let mut text = format!(
-        "#:schema ./{schema_name}\n# Behind each value: its unit and range; what it means; where it comes from.\n"
+        "#:schema ./{schema_name}\n# Behind each value: what it means; its range and unit; where it comes from.\n"
     );
-    let mut section = "";
-    for key in KEYS {
-        let (head, name) = key.parts();
-        if head != section {
-            section = head;
-            let _ = writeln!(text, "\n[{section}] # {}", section_meaning(section));
-        }
-        let (meaning, source) = key.meaning_and_source();
-        let setting = format!("{name} = {}", value(key, preset));
-        let _ = writeln!(text, "{setting:<40}# {}; {meaning}; {source}", key.range());
-    }
+    write_keys(&mut text, Scenario::KEYS, &preset.values(), "");
     text
+}
+
+fn write_keys(text: &mut String, keys: &[Key], values: &Table, section: &str) {
+    for key in keys {
+        let meaning = key.meaning.trim_end_matches('.');
+        match (key.kind, values.get(key.name)) {
+            (Kind::Section(keys), Some(toml::Value::Table(values))) => {
+                let head = format!("{section}{}", key.name);
+                let _ = writeln!(text, "\n[{head}] # {meaning}");
+                write_keys(text, keys, values, &format!("{head}."));
+            }
+            (_, value) => {
+                let setting = match value {
+                    Some(value) => format!("{} = {value}", key.name),
+                    None => format!("# {} =", key.name),
+                };
+                let _ = writeln!(text, "{setting:<40}# {meaning}; {}; {}", key.range(), key.source);
+            }
+        }
+    }
 }
 
 /// The JSON schema of a scenario file. No key is required: the preset gives what a file leaves out.
 fn schema() -> Value {
-    let mut sections = serde_json::Map::new();
-    for key in KEYS {
-        let (section, name) = key.parts();
-        let section = sections.entry(section).or_insert_with(|| {
-            json!({
-                "type": "object",
-                "description": section_meaning(section),
-                "additionalProperties": false,
-                "properties": {},
-            })
-        });
-        let (meaning, source) = key.meaning_and_source();
-        section["properties"][name] = json!({
-            "type": if key.is_whole() { "integer" } else { "number" },
-            "minimum": bound(key, key.least),
-            "maximum": bound(key, key.most),
-            "default": number(key, Preset::Paper),
-            "description": format!("{meaning} ({}; {source})", key.range()),
-        });
-    }
-    json!({
+    let mut schema = json!({
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "Freshlane scenario",
-        "type": "object",
-        "additionalProperties": false,
-        "properties": sections,
-    })
+    });
+    describe(&mut schema, Scenario::KEYS, &Preset::Paper.values());
+    schema
+}
+
+/// Makes a schema that of a section.
+fn describe(schema: &mut Value, keys: &[Key], defaults: &Table) {
+    schema["type"] = json!("object");
+    schema["additionalProperties"] = json!(false);
+    for key in keys {
+        let property = &mut schema["properties"][key.name];
+        match (key.kind, defaults.get(key.name)) {
+            (Kind::Section(keys), Some(toml::Value::Table(defaults))) => {
+                property["description"] = json!(key.meaning);
+                describe(property, keys, defaults);
+            }
+            (_, default) => {
+                property["description"] = json!(format!("{} ({}; {})", key.meaning, key.range(), key.source));
+                property["default"] = json!(default);
+                bounds(key, property);
+            }
+        }
+    }
 }
 
 #[cfg(test)]

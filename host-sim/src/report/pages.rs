@@ -6,9 +6,10 @@ use super::text_table::TextTable;
 use crate::command::run::PreparedRun;
 use crate::policy::Kind;
 use crate::revision::{own_revision, revision_text};
-use crate::scenario::{KEYS, Preset};
+use crate::scenario::{Preset, Scenario};
 use kit::error::Result;
 use kit::files::NamedText;
+use kit::keys::{listed, value};
 
 /// What is simulated, for who reads a report before anything else.
 const SCENE: &str = "Vehicles share a few radio sub-channels to one base station. In every slot of 1 ms each decides whether, where \
@@ -227,7 +228,10 @@ fn page(title: &str, summary: String, prepared: &PreparedRun, mut sections: Vec<
 fn changed_keys(prepared: &PreparedRun) -> Option<String> {
     let paper = Preset::Paper.values();
     let values = toml::Table::try_from(&prepared.scenario).ok()?;
-    let changed = KEYS.iter().filter(|key| key.value(&values) != key.value(&paper));
-    let named = changed.filter_map(|key| Some(format!("{} = {}", key.name, key.value(&values)?)));
+    let keys = listed(Scenario::KEYS);
+    let changed = keys
+        .iter()
+        .filter(|(name, _)| value(&values, name) != value(&paper, name));
+    let named = changed.filter_map(|(name, _)| Some(format!("{name} = {}", value(&values, name)?)));
     Some(named.collect::<Vec<_>>().join(", ")).filter(|changes| !changes.is_empty())
 }

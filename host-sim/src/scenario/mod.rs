@@ -1,137 +1,203 @@
 //! The paper's Table I as checked configuration.
 //!
-//! A scenario is a preset, then a file that may change some of its keys, then single `KEY=VALUE` settings. The preset
-//! `paper.toml` says what each key means and where it comes from, [`KEYS`] its unit and range.
+//! A scenario is a preset, then a file that may change some of its keys, then single `KEY=VALUE` settings.
 
-mod keys;
-pub mod layers;
+mod source;
 
 use firmware::units::Level;
 use kit::error::{Error, Result};
-use serde::{Deserialize, Serialize};
+use kit::keys;
 
-pub use keys::{KEYS, Key, nearest, nearest_key, section_meaning};
-#[cfg(not(target_family = "wasm"))]
-pub(crate) use layers::parse as parse_toml;
-pub use layers::{Preset, ScenarioSource};
+pub use source::{EXPLAIN, Preset, ScenarioSource, nearest_key};
 
-/// A checked scenario.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct Scenario {
-    pub cell: CellScenario,
-    pub radio: RadioScenario,
-    pub mobility: MobilityScenario,
-    pub age: AgeScenario,
-    pub broadcast: BroadcastScenario,
-    pub baselines: BaselineScenario,
-    pub traffic: TrafficScenario,
-    pub planning: PlanningScenario,
-}
+keys! {
+    /// A checked scenario.
+    pub struct Scenario {
+        /// Who is in the cell, and where its antenna stands.
+        pub cell: CellScenario,
+        /// Link budget and channel. Levels and powers stay within what units express, -128 to 128 dB.
+        pub radio: RadioScenario,
+        /// The urban grid and how vehicles drive on it.
+        pub mobility: MobilityScenario,
+        /// What the base station tells its vehicles, and how late.
+        pub broadcast: BroadcastScenario,
+        /// Parameters of the simple policies.
+        pub baselines: BaselineScenario,
+        /// The roads between the crossings of the grid, and what age costs them.
+        pub traffic: TrafficScenario,
+        /// The closed loop from slot to street: how often routes are planned, and what happens on the road meanwhile.
+        pub planning: PlanningScenario,
+    }
 
-/// Who is in the cell and where its antenna stands.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct CellScenario {
-    pub vehicles: u32,
-    pub replacement_probability: f64,
-    pub base_station_x_m: f64,
-    pub base_station_y_m: f64,
-    pub base_station_height_m: f64,
-    pub vehicle_height_m: f64,
-}
+    /// The section `cell`.
+    pub struct CellScenario {
+        /// Vehicles in the cell.
+        #[key(range = 1.0..=10_000.0, unit = "vehicles", source = "Table I")]
+        pub vehicles: u32,
+        /// Probability that a vehicle leaves in a slot, and a new one comes elsewhere on the grid.
+        #[key(range = 0.0..=0.5, unit = "1/slot", source = "chosen, the paper has none")]
+        pub replacement_probability: f64,
+        /// The base station's place along x.
+        #[key(range = -1e8..=1e8, unit = "m", source = "the grid's centre")]
+        pub base_station_x_m: f64,
+        /// The base station's place along y.
+        #[key(range = -1e8..=1e8, unit = "m", source = "the grid's centre")]
+        pub base_station_y_m: f64,
+        /// Height of the base station's antenna.
+        #[key(range = 0.0..=1e6, unit = "m", source = "Table I")]
+        pub base_station_height_m: f64,
+        /// Height of a vehicle's antenna.
+        #[key(range = 0.0..=1e6, unit = "m", source = "Table I")]
+        pub vehicle_height_m: f64,
+    }
 
-/// Link budget and channel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct RadioScenario {
-    pub carrier_ghz: f64,
-    pub sub_channels: u32,
-    pub bandwidth_khz: f64,
-    pub min_spectral_efficiency: f64,
-    pub max_power_dbm: f64,
-    pub noise_power_dbm: f64,
-    pub vehicle_antenna_gain_dbi: f64,
-    pub base_station_antenna_gain_dbi: f64,
-    pub base_station_noise_figure_db: f64,
-    pub vehicle_noise_figure_db: f64,
-    pub path_loss_intercept_db: f64,
-    pub path_loss_slope_db: f64,
-    pub shadowing_deviation_db: f64,
-    pub shadowing_decorrelation_m: f64,
-    pub slow_update_slots: u32,
-}
+    /// The section `radio`.
+    pub struct RadioScenario {
+        /// Carrier frequency, which scales the path loss by 21 log10(f / 2 GHz).
+        #[key(range = 1e-6..=1e6, unit = "GHz", source = "Table I, 3GPP TR 36.942 4.5.2")]
+        pub carrier_ghz: f64,
+        /// Sub-channels to the base station. Units, and so actor and clock, know 3.
+        #[key(range = 1.0..=200.0, unit = "sub-channels", source = "Table I")]
+        pub sub_channels: u32,
+        /// Bandwidth of a sub-channel.
+        #[key(range = 1e-6..=1e6, unit = "kHz", source = "Table I")]
+        pub bandwidth_khz: f64,
+        /// C_min over the bandwidth, the rate that a report needs: 540 kbit/s here. Below 1, two vehicles could succeed on one
+        /// sub-channel at once.
+        #[key(range = 1.0..=20.0, unit = "bit/s/Hz", source = "the group's earlier work, the paper has none")]
+        pub min_spectral_efficiency: f64,
+        /// Full power of a vehicle.
+        #[key(range = -100.0..=100.0, unit = "dBm", source = "Table I")]
+        pub max_power_dbm: f64,
+        /// Noise on a sub-channel.
+        #[key(range = -250.0..=100.0, unit = "dBm", source = "Table I")]
+        pub noise_power_dbm: f64,
+        /// Gain of a vehicle's antenna.
+        #[key(range = -100.0..=100.0, unit = "dBi", source = "Table I")]
+        pub vehicle_antenna_gain_dbi: f64,
+        /// Gain of the base station's antenna.
+        #[key(range = -100.0..=100.0, unit = "dBi", source = "Table I")]
+        pub base_station_antenna_gain_dbi: f64,
+        /// Noise that the base station's receiver adds.
+        #[key(range = 0.0..=100.0, unit = "dB", source = "Table I")]
+        pub base_station_noise_figure_db: f64,
+        /// Noise that a vehicle's receiver adds. Nothing depends on it: the downlink is taken as free of errors.
+        #[key(range = 0.0..=100.0, unit = "dB", source = "Table I")]
+        pub vehicle_noise_figure_db: f64,
+        /// Path loss at 1 km.
+        #[key(range = 0.0..=500.0, unit = "dB", source = "Table I")]
+        pub path_loss_intercept_db: f64,
+        /// Path loss for each decade of distance.
+        #[key(range = 0.0..=100.0, unit = "dB", source = "Table I")]
+        pub path_loss_slope_db: f64,
+        /// Standard deviation of log-normal shadowing.
+        #[key(range = 0.0..=100.0, unit = "dB", source = "Table I")]
+        pub shadowing_deviation_db: f64,
+        /// Distance on which the correlation of shadowing falls to 1/e.
+        #[key(range = 1e-6..=1e6, unit = "m", source = "Table I")]
+        pub shadowing_decorrelation_m: f64,
+        /// Time between updates of places, path loss and shadowing. Fast fading is new in every slot.
+        #[key(range = 1.0..=100_000.0, unit = "slots", source = "Table I")]
+        pub slow_update_slots: u32,
+    }
 
-/// The urban grid and how vehicles drive on it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct MobilityScenario {
-    pub blocks_x: u32,
-    pub blocks_y: u32,
-    pub block_x_m: f64,
-    pub block_y_m: f64,
-    pub lanes_per_direction: u32,
-    pub lane_width_m: f64,
-    pub min_speed_m_per_s: f64,
-    pub max_speed_m_per_s: f64,
-    pub turn_probability: f64,
-}
+    /// The section `mobility`.
+    pub struct MobilityScenario {
+        /// Blocks along x.
+        #[key(range = 1.0..=100.0, unit = "blocks", source = "3GPP TR 36.885 A.1.2")]
+        pub blocks_x: u32,
+        /// Blocks along y.
+        #[key(range = 1.0..=100.0, unit = "blocks", source = "3GPP TR 36.885 A.1.2")]
+        pub blocks_y: u32,
+        /// Length of a block along x.
+        #[key(range = 1e-6..=1e6, unit = "m", source = "3GPP TR 36.885 A.1.2")]
+        pub block_x_m: f64,
+        /// Length of a block along y.
+        #[key(range = 1e-6..=1e6, unit = "m", source = "3GPP TR 36.885 A.1.2")]
+        pub block_y_m: f64,
+        /// Lanes of a road in each direction.
+        #[key(range = 1.0..=8.0, unit = "lanes", source = "3GPP TR 36.885 A.1.2")]
+        pub lanes_per_direction: u32,
+        /// Width of a lane.
+        #[key(range = 1e-6..=1e6, unit = "m", source = "3GPP TR 36.885 A.1.2")]
+        pub lane_width_m: f64,
+        /// Speed of the slowest vehicle.
+        #[key(range = 0.0..=100.0, unit = "m/s", source = "Table I")]
+        pub min_speed_m_per_s: f64,
+        /// Speed of the fastest vehicle.
+        #[key(range = 0.0..=100.0, unit = "m/s", source = "Table I")]
+        pub max_speed_m_per_s: f64,
+        /// Probability that a vehicle turns into a lane that it crosses.
+        #[key(range = 0.0..=1.0, source = "3GPP TR 36.885 A.1.2 as the companion code reads it")]
+        pub turn_probability: f64,
+    }
 
-/// How ages count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct AgeScenario {
-    pub time_constraint_slots: u32,
-}
+    /// The section `broadcast`.
+    pub struct BroadcastScenario {
+        /// Number of a group's joiners that should send in a slot.
+        #[key(range = 1e-6..=1e6, unit = "transmissions/slot", source = "chosen")]
+        pub joiner_load: f64,
+        /// Age of the count of joiners when units hear it.
+        #[key(range = 0.0..=10_000.0, unit = "slots", source = "chosen")]
+        pub joiner_count_delay_slots: u32,
+        /// Delay until a group that shrinks is announced. One that grows is announced at once.
+        #[key(range = 0.0..=10_000.0, unit = "slots", source = "chosen")]
+        pub shrink_delay_slots: u32,
+    }
 
-/// What the base station tells its vehicles, and how late.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct BroadcastScenario {
-    pub joiner_load: f64,
-    pub joiner_count_delay_slots: u32,
-    pub shrink_delay_slots: u32,
-}
+    /// The section `baselines`.
+    pub struct BaselineScenario {
+        /// Transmissions of slotted ALOHA per sub-channel and slot: probability 0.2 at 20 vehicles.
+        #[key(range = 0.0..=1e6, unit = "transmissions/slot", source = "best found")]
+        pub aloha_load: f64,
+        /// Age threshold over vehicles per sub-channel: 10 slots at 20 vehicles.
+        #[key(range = 0.0..=1e6, unit = "slots", source = "best found")]
+        pub age_threshold_load: f64,
+        /// Probability that a vehicle above the threshold sends.
+        #[key(range = 0.0..=1.0, source = "best found")]
+        pub age_threshold_probability: f64,
+    }
 
-/// Parameters of the simple policies.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct BaselineScenario {
-    pub aloha_load: f64,
-    pub age_threshold_load: f64,
-    pub age_threshold_probability: f64,
-}
+    /// The section `traffic`.
+    pub struct TrafficScenario {
+        /// Travel time on an empty block along x.
+        #[key(range = 1e-6..=1e6, unit = "s", source = "Table I")]
+        pub free_flow_time_x_s: f64,
+        /// Travel time on an empty block along y.
+        #[key(range = 1e-6..=1e6, unit = "s", source = "Table I")]
+        pub free_flow_time_y_s: f64,
+        /// Capacity of a road.
+        #[key(range = 1e-6..=1e6, unit = "veh/h", source = "Table I")]
+        pub capacity_veh_per_h: f64,
+        /// Trips for each of the 16 x 15 pairs of crossings.
+        #[key(range = 0.0..=1e6, unit = "veh/h", source = "Table I")]
+        pub trips_per_pair_veh_per_h: f64,
+        /// Factor of the volume-delay function, alpha_u in the paper.
+        #[key(range = 0.0..=1e6, source = "Table I")]
+        pub bpr_factor: f64,
+        /// Power of the volume-delay function, beta_u in the paper.
+        #[key(range = 0.0..=100.0, source = "Table I")]
+        pub bpr_power: f64,
+        /// Capacity that is lost at the largest age, delta m in the paper.
+        #[key(range = 0.0..=1e6, unit = "veh/h", source = "one of several in the paper")]
+        pub max_capacity_error_veh_per_h: f64,
+    }
 
-/// What age costs the road.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct TrafficScenario {
-    pub free_flow_time_x_s: f64,
-    pub free_flow_time_y_s: f64,
-    pub capacity_veh_per_h: f64,
-    pub trips_per_pair_veh_per_h: f64,
-    pub bpr_factor: f64,
-    pub bpr_power: f64,
-    pub max_capacity_error_veh_per_h: f64,
-}
-
-/// How often routes are planned, and what happens on the road meanwhile.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct PlanningScenario {
-    pub period_slots: u32,
-    pub incident_interval_s: f64,
-    pub incident_duration_s: f64,
-    pub incident_capacity_loss: f64,
+    /// The section `planning`.
+    pub struct PlanningScenario {
+        /// Time between two plans of all routes.
+        #[key(range = 1.0..=100_000_000.0, unit = "slots", source = "chosen")]
+        pub period_slots: u32,
+        /// Mean time from one incident's end to the next one's start, on each block.
+        #[key(range = 1e-6..=1e6, unit = "s", source = "chosen")]
+        pub incident_interval_s: f64,
+        /// Mean time that an incident lasts, compressed so that seconds show what hours would.
+        #[key(range = 1e-6..=1e6, unit = "s", source = "chosen")]
+        pub incident_duration_s: f64,
+        /// Share of both directions' capacity that an incident takes.
+        #[key(range = 0.0..=0.99, source = "chosen")]
+        pub incident_capacity_loss: f64,
+    }
 }
 
 impl RadioScenario {
@@ -159,12 +225,11 @@ impl RadioScenario {
 }
 
 impl Scenario {
-    /// Checks every value against its key's range, then what two keys say together.
+    /// Checks what two keys say together.
     ///
     /// # Errors
-    /// The first key, as `section.key`, that is out of its range.
-    pub fn check(&self, values: &toml::Table) -> Result<()> {
-        KEYS.iter().try_for_each(|key| key.check(values))?;
+    /// The first key, as `section.key`, that does not go with another.
+    pub fn check(&self) -> Result<()> {
         let Self {
             mobility, traffic, ..
         } = self;

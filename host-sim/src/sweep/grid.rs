@@ -4,9 +4,12 @@ use super::axis::{self, Axis, Kind, POLICY, SEED, VEHICLES, text};
 use super::store::checksum;
 use crate::command::run::{PreparedRun, RunOptions};
 use crate::policy::KINDS;
-use crate::scenario::{nearest, parse_toml};
+use crate::scenario::Preset;
 use clap::Parser;
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
+use kit::keys::nearest;
+use kit::layers::parse;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -59,7 +62,7 @@ impl Grid {
     pub fn read(path: &Path, seeds: Option<&[u64]>) -> Result<Self> {
         let file = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
         let place = path.display();
-        let mut found = parse_toml(&place.to_string(), &file)?;
+        let mut found = parse(&place.to_string(), &file)?;
         let zip = found.remove("zip");
         let known = axis::known()?;
         let mut values = Table::new();
@@ -251,7 +254,7 @@ impl Grid {
         let text = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "results": super::outcome::VERSION,
-            "presets": crate::scenario::Preset::ALL.map(|preset| checksum(preset.text().as_bytes())),
+            "presets": Preset::ALL.iter().map(|preset| checksum(preset.values().to_string().as_bytes())).collect::<Vec<_>>(),
             "built_in_table": checksum(firmware::tables::DISTILLED),
             "inputs": inputs,
             "axes": axes,

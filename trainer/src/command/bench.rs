@@ -4,7 +4,8 @@ use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
 use crate::laboratory::learner::Learner as _;
 use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Backend;
-use host_sim::command::options::thread_pool;
+use host_sim::command::options::{choice, thread_pool};
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::say;
 use serde_json::json;
@@ -17,7 +18,7 @@ pub struct BenchArguments {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub episodes: u32,
     /// What finds the gradients
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = choice::<Backend>(), default_value = Backend::default().name())]
     pub backend: Backend,
     /// Seed of the networks and worlds
     #[arg(long, default_value_t = 1)]
@@ -36,7 +37,7 @@ pub struct BenchArguments {
 /// Threads that cannot be started.
 pub fn run(arguments: &BenchArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
-    let backend = arguments.backend;
+    let backend = arguments.backend.name();
     // The schedule of preset `companion`, with a replay that holds what is played here.
     let settings = [
         "maddpg.replay=10000".to_owned(),

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod compare;
 pub mod distil;
 pub mod eval;
+pub mod explain;
 pub mod export;
 pub mod study;
 pub mod train;

@@ -7,7 +7,7 @@ use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::metrics_log::MetricsLog;
 use crate::onnx;
 use crate::run_folder::{RunFolder, RunIdentity, to_safetensors};
-use host_sim::command::options::{progress_bar, thread_pool};
+use host_sim::command::options::{choice, progress_bar, thread_pool};
 use indicatif::ProgressBar;
 use kit::error::{Error, Result};
 use kit::files::write_whole;
@@ -23,7 +23,7 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 #[derive(Clone, Debug, clap::Args)]
 pub struct TrainArguments {
     /// Configuration to start from
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Preset>())]
     pub preset: Preset,
     /// TOML file whose keys replace the preset's
     #[arg(long, value_name = "FILE")]

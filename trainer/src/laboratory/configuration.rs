@@ -8,29 +8,48 @@ use crate::evolution::{Evolution, EvolutionLearner};
 use crate::maddpg::learner::MaddpgLearner;
 use crate::maddpg::options::Maddpg;
 use crate::ppo::{self, PpoLearner};
-use host_sim::scenario::layers::{lay_over, overlay, parse, siblings, typed};
 use host_sim::scenario::{self, Scenario};
 use kit::error::{Error, Result};
+use kit::keys::Key;
+use kit::layers::{Layers, parse};
+use kit::{choices, keys};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use toml::{Table, Value};
 
-/// A configuration that comes with the program.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Preset {
-    /// A search without gradients: a baseline, and the quickest run.
-    Evolution,
-    /// The paper's modified MADDPG as printed: an update after every episode.
-    Paper,
-    /// The same with an update in every slot, as the authors' companion code has it.
-    Companion,
-    /// The modified MADDPG made to work with twenty vehicles.
-    Freshlane,
-    /// On-policy learning from the cell alone, for every load.
-    Ppo,
-    /// The same from a distilled actor on.
-    FineTune,
+choices! {
+    /// A configuration that comes with the program.
+    pub enum Preset {
+        /// A search without gradients: a baseline, and the quickest run.
+        Evolution = "evolution",
+        /// The paper's modified MADDPG as printed: an update after every episode.
+        Paper = "paper",
+        /// The same with an update in every slot, as the authors' companion code has it.
+        Companion = "companion",
+        /// The modified MADDPG made to work with twenty vehicles.
+        Freshlane = "freshlane",
+        /// On-policy learning from the cell alone, for every load.
+        Ppo = "ppo",
+        /// The same from a distilled actor on.
+        FineTune = "fine-tune",
+    }
+}
+
+keys! {
+    /// What presets, files and settings say: of the algorithms' sections, the one of the preset's algorithm.
+    pub struct Layout {
+        /// Learning algorithm: evolution, maddpg or ppo. The preset settles it.
+        #[key(source = "the preset")]
+        algorithm: String,
+        /// Cross-entropy search over the parameters of one small actor that all vehicles share.
+        evolution: Option<Evolution>,
+        /// The paper's modified multi-agent DDPG and its family.
+        maddpg: Option<Maddpg>,
+        /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole group.
+        ppo: Option<ppo::Recipe>,
+        /// The cell to learn in.
+        scenario: Scenario,
+    }
 }
 
 /// A learning algorithm and its parameters.
@@ -55,6 +74,9 @@ pub struct Configuration {
     pub algorithm: Algorithm,
 }
 
+/// The command that lists all keys.
+const EXPLAIN: &str = "trainer explain";
+
 /// Where a configuration comes from.
 #[derive(Clone, Debug)]
 pub struct ConfigurationSource {
@@ -78,30 +100,20 @@ impl Preset {
         }
     }
 
-    /// The scenario that it starts from.
-    const fn scenario(self) -> scenario::Preset {
-        match self {
-            Self::Evolution
-            | Self::Paper
-            | Self::Companion
-            | Self::Freshlane
-            | Self::Ppo
-            | Self::FineTune => scenario::Preset::Paper,
-        }
+    /// All its values, those of the scenario included.
+    ///
+    /// # Errors
+    /// A preset that is no TOML.
+    pub fn values(self) -> Result<Table> {
+        Ok(self.layers(Layout::KEYS)?.values().clone())
     }
 
-    /// All its keys, those of the scenario included.
-    fn table(self) -> Result<Table> {
-        let mut preset = parse("preset", self.text())?;
-        let mut scenario = Table::new();
-        let _none = scenario.insert("scenario".to_owned(), self.scenario().values().into());
-        if let Some(changes) = preset.remove("scenario") {
-            let mut layer = Table::new();
-            let _none = layer.insert("scenario".to_owned(), changes);
-            overlay(&mut scenario, layer, "", None, siblings)?;
-        }
-        preset.extend(scenario);
-        Ok(preset)
+    fn layers(self, keys: &[Key]) -> Result<Layers<'_>> {
+        let mut layers = Layers::new(keys, EXPLAIN);
+        let scenario = Value::Table(scenario::Preset::Paper.values());
+        layers.lay(Table::from_iter([("scenario".to_owned(), scenario)]), None)?;
+        layers.lay(parse("preset", self.text())?, None)?;
+        Ok(layers)
     }
 }
 
@@ -123,22 +135,12 @@ impl Algorithm {
         }
     }
 
-    /// Reads the section of the algorithm of this name.
-    fn read(name: &str, section: Value) -> Result<Self> {
-        match name {
-            "evolution" => Ok(Self::Evolution(typed(name, section)?)),
-            "maddpg" => Ok(Self::Maddpg(typed(name, section)?)),
-            "ppo" => Ok(Self::Ppo(typed(name, section)?)),
-            other => Err(Error::input("algorithm", other, "evolution, maddpg or ppo")),
-        }
-    }
-
-    /// Checks ranges, and options against each other and the scenario.
+    /// Checks keys against each other and the scenario.
     fn check(&self, scenario: &Scenario) -> Result<()> {
         match self {
-            Self::Evolution(evolution) => evolution.check(scenario),
+            Self::Evolution(evolution) => evolution.check(),
             Self::Maddpg(maddpg) => maddpg.check(scenario),
-            Self::Ppo(recipe) => recipe.check(scenario),
+            Self::Ppo(recipe) => recipe.check(),
         }
     }
 }
@@ -149,28 +151,31 @@ impl ConfigurationSource {
     /// # Errors
     /// [`Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Configuration> {
-        let mut table = self.preset.table()?;
-        let name = match table.get("algorithm") {
-            Some(Value::String(name)) => name.clone(),
-            _ => String::new(),
-        };
-        lay_over(&mut table, self.file.as_deref(), &self.settings, siblings)?;
-        let mut take = |key: &str| table.remove(key).unwrap_or(Value::Boolean(false));
-        let asked = take("algorithm");
-        if asked.as_str() != Some(&name) {
-            return Err(Error::input(
-                "algorithm",
-                asked,
-                format!("{name}, the algorithm of the preset"),
-            ));
+        let preset = self.preset.values()?;
+        let in_preset = |key: &&Key| preset.contains_key(key.name);
+        let keys: Vec<Key> = Layout::KEYS.iter().filter(in_preset).copied().collect();
+        let mut layers = self.preset.layers(&keys)?;
+        layers.lay_over(self.file.as_deref(), &self.settings)?;
+        let Layout {
+            algorithm: asked,
+            evolution,
+            maddpg,
+            ppo,
+            scenario,
+        } = layers.read()?;
+        let algorithm = evolution
+            .map(Algorithm::Evolution)
+            .or(maddpg.map(Algorithm::Maddpg))
+            .or(ppo.map(Algorithm::Ppo))
+            .ok_or_else(|| Error::input("preset", "no algorithm", "evolution, maddpg or ppo"))?;
+        if asked != algorithm.name() {
+            let expected = format!("{}, the algorithm of the preset", algorithm.name());
+            return Err(Error::input("algorithm", format!("\"{asked}\""), expected));
         }
-        let values = take("scenario");
-        let scenario: Scenario = typed("scenario", values.clone())?;
-        if let Value::Table(values) = &values {
-            scenario.check(values)?;
-        }
-        let algorithm = Algorithm::read(&name, take(&name))?;
-        algorithm.check(&scenario)?;
+        scenario.check()?;
+        algorithm
+            .check(&scenario)
+            .map_err(|error| layers.located(error))?;
         Ok(Configuration { scenario, algorithm })
     }
 }
@@ -212,11 +217,12 @@ impl Preset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::ValueEnum as _;
+    use kit::choice::Choice as _;
+    use kit::keys::{Kind, listed, value};
 
     #[test]
     fn presets_are_complete_and_valid() {
-        for preset in Preset::value_variants() {
+        for preset in Preset::ALL {
             let configuration = preset.with(&["scenario.cell.vehicles=7"]).unwrap();
             assert_eq!(configuration.scenario.cell.vehicles, 7);
             let written = serde_json::to_string(&configuration).unwrap();
@@ -230,18 +236,16 @@ mod tests {
     #[test]
     fn bad_settings_name_key_and_expectation() {
         let message = |setting: &str| Preset::Evolution.with(&[setting]).unwrap_err().to_string();
-        assert!(
-            message("evolution.poulation=3").starts_with(
-                "--set evolution.poulation: found an unknown key, expected one of evolution.elite"
-            )
-        );
+        assert!(message("evolution.poulation=3").starts_with(
+            "--set evolution.poulation: found an unknown key, expected evolution.population, or another key"
+        ));
         assert_eq!(
             message("algorithm=ppo"),
             "algorithm: found \"ppo\", expected evolution, the algorithm of the preset"
         );
         assert_eq!(
             message("scenario.cell.vehicles=0"),
-            "cell.vehicles: found 0, expected 1 to 10000 vehicles"
+            "scenario.cell.vehicles: found 0, expected 1 to 10000 vehicles"
         );
         assert_eq!(
             message("evolution.hidden=16"),
@@ -251,5 +255,59 @@ mod tests {
             message("evolution.elite=900"),
             "evolution.elite: found 900, expected at most half of evolution.population, which is 40"
         );
+    }
+
+    #[test]
+    fn every_key_of_a_preset_has_a_meaning_and_a_source() {
+        let presets: Vec<Table> = Preset::ALL
+            .iter()
+            .map(|preset| preset.values().unwrap())
+            .collect();
+        for (name, key) in listed(Layout::KEYS) {
+            assert!(
+                presets.iter().any(|values| value(values, &name).is_some()),
+                "{name}"
+            );
+            assert!(!key.meaning.is_empty() && !key.source.is_empty(), "{name}");
+        }
+    }
+
+    /// Both ends of a documented range are read, what lies beyond them is refused in the words of the range.
+    #[test]
+    fn documented_ranges_are_what_is_checked() {
+        for (preset, section) in [
+            (Preset::Evolution, "evolution."),
+            (Preset::Paper, "maddpg."),
+            (Preset::Ppo, "ppo."),
+        ] {
+            for (name, key) in listed(Layout::KEYS) {
+                let (kind, length) = match key.kind {
+                    Kind::List(each, length) => (*each, Some(length.unwrap_or(1))),
+                    kind => (kind, None),
+                };
+                if !name.starts_with(section) || !matches!(kind, Kind::Whole | Kind::Number) {
+                    continue;
+                }
+                let refusal = format!("{name}: found ");
+                let refused = |value: f64| {
+                    let value = match length {
+                        Some(length) => format!("[{}]", vec![value.to_string(); length].join(", ")),
+                        None => value.to_string(),
+                    };
+                    let error = preset.with(&[&format!("{name}={value}")]).err();
+                    // An end may still contradict another key.
+                    error.is_some_and(|error| {
+                        let error = error.to_string();
+                        error.starts_with(&refusal) && error.ends_with(&format!(", expected {}", key.range()))
+                    })
+                };
+                let (below, above) = match kind {
+                    Kind::Whole => (key.least - 1.0, key.most + 1.0),
+                    _ => (key.least.next_down(), key.most.next_up()),
+                };
+                assert!(!refused(key.least) && !refused(key.most), "{name}");
+                assert!(refused(below) && refused(above), "{name}");
+            }
+        }
     }
 }

@@ -1,98 +1,241 @@
-//! What the algorithm is told. The presets `paper`, `companion` and `freshlane` say what each key means and where it is from.
+//! What the algorithm is told. Sources are those of the preset `paper`: "Table I" and "Algorithm 1" are the paper's, "chosen" it
+//! leaves open.
 
 use super::actions::ActionSet;
 use crate::laboratory::forms::{ObservationForm, OutputForm};
 use host_sim::scenario::Scenario;
+use kit::choice::Choice;
 use kit::error::{Error, Result};
+use kit::{choices, keys};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::fmt;
 
-/// Parameters of the modified MADDPG and its family.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the presets document every key")]
-pub struct Maddpg {
-    #[serde(default)]
-    pub backend: Backend,
-    pub episodes: u64,
-    pub worlds: u64,
-    pub slots: u32,
-    pub updates: Updates,
-    pub observation: ObservationForm,
-    pub action: ActionForm,
-    pub silence: bool,
-    pub shared: bool,
-    pub actor_hidden: Vec<usize>,
-    pub local_critics: bool,
-    pub local_critic_hidden: Vec<usize>,
-    pub global_critic: CriticForm,
-    pub global_critic_hidden: Vec<usize>,
-    pub set_hidden: usize,
-    pub set_sum: usize,
-    pub gradient: GradientForm,
-    pub temperature: f32,
-    pub global_weight: GlobalWeight,
-    pub local_weight: f32,
-    pub actor_learning_rate: f32,
-    pub critic_learning_rate: f32,
-    pub last_actor_learning_rate: f32,
-    pub last_critic_learning_rate: f32,
-    pub discount: f32,
-    pub n_step: u32,
-    pub target_rate: f32,
-    pub delay: u32,
-    pub batch: usize,
-    pub actor_batch: usize,
-    pub replay: usize,
-    pub warm_up_slots: usize,
-    pub loss: Loss,
-    pub gradient_clip: f32,
-    pub noise: f32,
-    pub smoothing_noise: f32,
-    pub smoothing_clip: f32,
-    pub entropy: f32,
-    pub last_entropy: f32,
-    pub age_scale: AgeScale,
-    pub age_cap: f32,
-    pub success_reward: f32,
-    pub first_share: f32,
-    pub all_vehicles_at: f32,
-    pub phase_resets: f32,
-    pub last_layer_scale: f32,
-    pub silence_bias: f32,
-    pub home_bias: f32,
-    pub joiner_bias: f32,
-}
-
-/// What finds the gradients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Backend {
-    /// This crate's kernels: the same bits on every machine, all forms.
-    #[default]
-    Own,
-    /// Burn's automatic differentiation: the paper's form, in a trainer built with the feature `burn`.
-    Burn,
-}
-
-impl fmt::Display for Backend {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
-            Self::Own => "own",
-            Self::Burn => "burn",
-        })
+keys! {
+    /// Parameters of the modified MADDPG and its family.
+    pub struct Maddpg {
+        /// What finds the gradients.
+        #[key(source = "chosen")]
+        #[serde(default)]
+        pub backend: Backend,
+        /// Episodes of the run.
+        #[key(range = 1.0..=1e8, unit = "episodes", source = "chosen, the paper's figures have no readable axis")]
+        pub episodes: u64,
+        /// Worlds that advance together.
+        #[key(range = 1.0..=4096.0, unit = "worlds", source = "chosen")]
+        pub worlds: u64,
+        /// Slots of an episode, T in the paper.
+        #[key(range = 1.0..=100_000.0, unit = "slots", source = "Table I")]
+        pub slots: u32,
+        /// When networks learn.
+        #[key(source = "Algorithm 1")]
+        pub updates: Updates,
+        /// What an actor sees.
+        #[key(
+            choices = [
+                ("paper", "Gains, interference in the slot before, and age."),
+                ("firmware", "The firmware's encoding, home sub-channel first."),
+                ("age-one-hot", "The age as one-hot without any phase, for research."),
+            ],
+            source = "the paper's state"
+        )]
+        pub observation: ObservationForm,
+        /// What an actor does.
+        #[key(
+            choices = [
+                ("sub-channel-and-power", "Sub-channel and power, both continuous, through tanh, as in the paper."),
+                ("actions", "The firmware's actions, on the home sub-channel."),
+                ("sub-channels", "A choice among silence, full and low power on each sub-channel, for research."),
+            ],
+            source = "the paper's action"
+        )]
+        pub action: ActionForm,
+        /// Whether the action "sub-channels" offers silence. The other forms always do: power may be 0 W.
+        #[key(source = "chosen")]
+        pub silence: bool,
+        /// Whether one network serves all vehicles, instead of one for each.
+        #[key(source = "the paper has one for each")]
+        pub shared: bool,
+        /// Widths of the actors' hidden layers.
+        #[key(range = 1.0..=4096.0, longest = 8, unit = "widths", source = "Table I")]
+        pub actor_hidden: Vec<usize>,
+        /// Whether there are local critics.
+        #[key(source = "the paper has them")]
+        pub local_critics: bool,
+        /// Widths of the local critics' hidden layers.
+        #[key(range = 1.0..=4096.0, longest = 8, unit = "widths", source = "Table I")]
+        pub local_critic_hidden: Vec<usize>,
+        /// What the twin global critics see.
+        #[key(source = "the paper's critic")]
+        pub global_critic: CriticForm,
+        /// Widths of the global critics' hidden layers; in the form "set", of what follows the sum.
+        #[key(range = 1.0..=4096.0, longest = 8, unit = "widths", source = "Table I")]
+        pub global_critic_hidden: Vec<usize>,
+        /// Hidden width before the sum of the global critic "set".
+        #[key(range = 1.0..=4096.0, source = "chosen")]
+        pub set_hidden: usize,
+        /// Width of the sum of the global critic "set".
+        #[key(range = 1.0..=4096.0, source = "chosen")]
+        pub set_sum: usize,
+        /// How the critics' slopes reach the actors.
+        #[key(source = "the paper's gradient")]
+        pub gradient: GradientForm,
+        /// Temperature of the Gumbel softmax of the gradient "straight" for choices.
+        #[key(range = 1e-3..=1e3, source = "chosen")]
+        pub temperature: f32,
+        /// Weight of the global term in the actors' gradient.
+        #[key(source = "Algorithm 1")]
+        pub global_weight: GlobalWeight,
+        /// Weight of the local term in the actors' gradient.
+        #[key(range = 0.0..=1e6, source = "Algorithm 1")]
+        pub local_weight: f32,
+        /// Learning rate of the actors at the start of the run.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub actor_learning_rate: f32,
+        /// Learning rate of the critics at the start of the run.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub critic_learning_rate: f32,
+        /// Learning rate of the actors at the end of the run.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub last_actor_learning_rate: f32,
+        /// Learning rate of the critics at the end of the run.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub last_critic_learning_rate: f32,
+        /// Factor by which the next slot's value is discounted.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub discount: f32,
+        /// Steps of the return, at most the slots of an episode.
+        #[key(range = 1.0..=100_000.0, unit = "slots", source = "chosen")]
+        pub n_step: u32,
+        /// Share by which an update moves the target networks, the factor of soft update.
+        #[key(range = 0.0..=1.0, source = "Table I")]
+        pub target_rate: f32,
+        /// Every so many updates local critics and actors learn too, d in TD3.
+        #[key(range = 1.0..=1000.0, unit = "updates", source = "TD3")]
+        pub delay: u32,
+        /// Size of a mini batch.
+        #[key(range = 1.0..=65_536.0, unit = "transitions", source = "Table I")]
+        pub batch: usize,
+        /// Transitions that a gradient of the actors uses.
+        #[key(range = 1.0..=65_536.0, unit = "transitions", source = "chosen")]
+        pub actor_batch: usize,
+        /// Size of the replay memory: at least one episode.
+        #[key(range = 1.0..=1e9, unit = "transitions", source = "Table I")]
+        pub replay: usize,
+        /// Transitions before the first update.
+        #[key(range = 0.0..=1e9, unit = "transitions", source = "chosen")]
+        pub warm_up_slots: usize,
+        /// Loss of the critics.
+        #[key(source = "the paper's loss")]
+        pub loss: Loss,
+        /// Longest gradient of a network; 0 is no limit.
+        #[key(range = 0.0..=1e6, source = "chosen")]
+        pub gradient_clip: f32,
+        /// Standard deviation of exploration, in units of tanh.
+        #[key(range = 0.0..=10.0, source = "TD3")]
+        pub noise: f32,
+        /// Standard deviation of target smoothing, in units of tanh. For choices the probability of a draw
+        /// from a softmax of twice the temperature.
+        #[key(range = 0.0..=10.0, source = "TD3")]
+        pub smoothing_noise: f32,
+        /// Where the noise of target smoothing is cut, in units of tanh.
+        #[key(range = 0.0..=10.0, source = "TD3")]
+        pub smoothing_clip: f32,
+        /// Weight of a choice's entropy in the gradient at the start of the run; it falls geometrically.
+        #[key(range = 0.0..=10.0, source = "chosen")]
+        pub entropy: f32,
+        /// Weight of a choice's entropy in the gradient at the end of the run.
+        #[key(range = 0.0..=10.0, source = "chosen")]
+        pub last_entropy: f32,
+        /// What the age is divided by in the own reward, which is minus the age.
+        #[key(source = "the paper's reward")]
+        pub age_scale: AgeScale,
+        /// Where ages are cut in the own reward.
+        #[key(range = 1.0..=100.0, unit = "slots", source = "Table I")]
+        pub age_cap: f32,
+        /// What a success adds to the own reward.
+        #[key(range = 0.0..=1e3, source = "the paper's reward")]
+        pub success_reward: f32,
+        /// Load curriculum: share of the vehicles that takes part at first.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub first_share: f32,
+        /// Load curriculum: share of the run after which all vehicles take part.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub all_vehicles_at: f32,
+        /// Share of the worlds whose vehicles begin in turn, falling to a quarter of it; other start ages
+        /// vary then too. With 0 as with all, half of the others begin at the largest age.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub phase_resets: f32,
+        /// Factor of the last layer's first weights, for choices.
+        #[key(range = 0.0..=10.0, source = "chosen")]
+        pub last_layer_scale: f32,
+        /// First bias of silence, for choices.
+        #[key(range = -100.0..=100.0, source = "chosen")]
+        pub silence_bias: f32,
+        /// First bias of full power on the home sub-channel, for choices.
+        #[key(range = -100.0..=100.0, source = "chosen")]
+        pub home_bias: f32,
+        /// First bias of the actions of joiners, for choices.
+        #[key(range = -100.0..=100.0, source = "chosen")]
+        pub joiner_bias: f32,
     }
 }
 
-/// When networks learn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Updates {
-    /// Once after every episode, as Algorithm 1 is printed.
-    Episode,
-    /// Once after every slot, as the authors' companion code does.
-    Slot,
+choices! {
+    /// What finds the gradients.
+    pub enum Backend {
+        /// This crate's kernels: the same bits on every machine, all forms.
+        Own = "own",
+        /// Burn's automatic differentiation: the paper's form, in a trainer built with the feature `burn`.
+        Burn = "burn",
+    }
+
+    /// When networks learn.
+    pub enum Updates {
+        /// Once after every episode, as Algorithm 1 is printed.
+        Episode = "episode",
+        /// Once after every slot, as the authors' companion code does.
+        Slot = "slot",
+    }
+
+    /// The form of the global critics.
+    pub enum CriticForm {
+        /// All observations and actions side by side, as in the paper.
+        Flat = "flat",
+        /// A sum over the vehicles of each sub-channel.
+        Set = "set",
+    }
+
+    /// How the critics' slopes reach the actors.
+    pub enum GradientForm {
+        /// Through the action itself: deterministic for continuous actions, straight through a Gumbel softmax for choices.
+        Straight = "straight",
+        /// The exact gradient over all actions of a choice, by what each would have been worth.
+        AllActions = "all-actions",
+    }
+
+    /// Weight of the global term in the actors' gradient.
+    pub enum GlobalWeight {
+        /// 1, as printed. The global reward is a mean over vehicles, so a vehicle's part in it counts 1/V.
+        Printed = "printed",
+        /// The number of vehicles, which undoes that.
+        Vehicles = "vehicles",
+    }
+
+    /// What an age is divided by in the reward.
+    pub enum AgeScale {
+        /// The number of vehicles, as in the paper.
+        Vehicles = "vehicles",
+        /// Ten slots.
+        Ten = "ten",
+    }
+
+    /// Loss of the critics.
+    pub enum Loss {
+        /// The square, as printed.
+        Squared = "squared",
+        /// Half the square up to 1, then linear (Huber 1964).
+        Huber = "huber",
+    }
 }
 
 /// What an actor does.
@@ -107,54 +250,10 @@ pub enum ActionForm {
     SubChannels,
 }
 
-/// The form of the global critics.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CriticForm {
-    /// All observations and actions side by side, as in the paper.
-    Flat,
-    /// A sum over the vehicles of each sub-channel.
-    Set,
-}
-
-/// How the critics' slopes reach the actors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GradientForm {
-    /// Through the action itself: deterministic for continuous actions, straight through a Gumbel softmax for choices.
-    Straight,
-    /// The exact gradient over all actions of a choice, by what each would have been worth.
-    AllActions,
-}
-
-/// Weight of the global term in the actors' gradient.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GlobalWeight {
-    /// 1, as printed. The global reward is a mean over vehicles, so a vehicle's part in it counts 1/V.
-    Printed,
-    /// The number of vehicles, which undoes that.
-    Vehicles,
-}
-
-/// What an age is divided by in the reward.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum AgeScale {
-    /// The number of vehicles, as in the paper.
-    Vehicles,
-    /// Ten slots.
-    Ten,
-}
-
-/// Loss of the critics.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Loss {
-    /// The square, as printed.
-    Squared,
-    /// Half the square up to 1, then linear (Huber 1964).
-    Huber,
+impl Default for Backend {
+    fn default() -> Self {
+        Self::ALL[0]
+    }
 }
 
 impl Loss {
@@ -202,85 +301,12 @@ impl Maddpg {
         libm::roundf(self.first_share * all as f32).max(1.0) as usize
     }
 
-    /// Checks ranges, and options against each other and the scenario.
+    /// Checks keys against each other and the scenario.
     ///
     /// # Errors
-    /// The first key that is out of its range, or the two that contradict each other.
+    /// Two keys that contradict each other.
     pub fn check(&self, scenario: &Scenario) -> Result<()> {
         let vehicles = scenario.cell.vehicles;
-        for (key, value, most) in [
-            ("episodes", self.episodes, 100_000_000),
-            ("worlds", self.worlds, 4096),
-            ("slots", self.slots.into(), 100_000),
-            ("batch", self.batch as u64, 65_536),
-            ("actor_batch", self.actor_batch as u64, 65_536),
-            ("delay", self.delay.into(), 1000),
-            ("set_hidden", self.set_hidden as u64, 4096),
-            ("set_sum", self.set_sum as u64, 4096),
-            ("n_step", self.n_step.into(), self.slots.into()),
-        ] {
-            if !(1..=most).contains(&value) {
-                return Err(Error::input(
-                    format!("maddpg.{key}"),
-                    value,
-                    format!("1 to {most}"),
-                ));
-            }
-        }
-        for (key, value, least, most) in [
-            ("temperature", self.temperature, 1e-3, 1e3),
-            ("local_weight", self.local_weight, 0.0, 1e6),
-            ("actor_learning_rate", self.actor_learning_rate, 0.0, 1.0),
-            ("critic_learning_rate", self.critic_learning_rate, 0.0, 1.0),
-            (
-                "last_actor_learning_rate",
-                self.last_actor_learning_rate,
-                0.0,
-                1.0,
-            ),
-            (
-                "last_critic_learning_rate",
-                self.last_critic_learning_rate,
-                0.0,
-                1.0,
-            ),
-            ("discount", self.discount, 0.0, 1.0),
-            ("target_rate", self.target_rate, 0.0, 1.0),
-            ("gradient_clip", self.gradient_clip, 0.0, 1e6),
-            ("noise", self.noise, 0.0, 10.0),
-            ("smoothing_noise", self.smoothing_noise, 0.0, 10.0),
-            ("smoothing_clip", self.smoothing_clip, 0.0, 10.0),
-            ("entropy", self.entropy, 0.0, 10.0),
-            ("last_entropy", self.last_entropy, 0.0, 10.0),
-            ("age_cap", self.age_cap, 1.0, 100.0),
-            ("success_reward", self.success_reward, 0.0, 1e3),
-            ("first_share", self.first_share, 0.0, 1.0),
-            ("all_vehicles_at", self.all_vehicles_at, 0.0, 1.0),
-            ("phase_resets", self.phase_resets, 0.0, 1.0),
-            ("last_layer_scale", self.last_layer_scale, 0.0, 10.0),
-            ("silence_bias", self.silence_bias, -100.0, 100.0),
-            ("home_bias", self.home_bias, -100.0, 100.0),
-            ("joiner_bias", self.joiner_bias, -100.0, 100.0),
-        ] {
-            if !(least..=most).contains(&value) {
-                let expected = format!("a number from {least} to {most}");
-                return Err(Error::input(format!("maddpg.{key}"), value, expected));
-            }
-        }
-        for (key, hidden) in [
-            ("actor_hidden", &self.actor_hidden),
-            ("local_critic_hidden", &self.local_critic_hidden),
-            ("global_critic_hidden", &self.global_critic_hidden),
-        ] {
-            if !hidden.iter().all(|width| (1..=4096).contains(width)) || hidden.len() > 8 {
-                let found = format!("{hidden:?}");
-                return Err(Error::input(
-                    format!("maddpg.{key}"),
-                    found,
-                    "at most 8 widths from 1 to 4096",
-                ));
-            }
-        }
         if vehicles > 255 {
             return Err(Error::input(
                 "cell.vehicles",
@@ -288,10 +314,10 @@ impl Maddpg {
                 "at most 255 to learn with",
             ));
         }
-        self.check_together()
-    }
-
-    fn check_together(&self) -> Result<()> {
+        if self.n_step > self.slots {
+            let expected = format!("at most maddpg.slots, which is {}", self.slots);
+            return Err(Error::input("maddpg.n_step", self.n_step, expected));
+        }
         if self.backend == Backend::Burn {
             self.check_burn()?;
         }

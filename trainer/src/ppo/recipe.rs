@@ -3,64 +3,100 @@
 use super::cell::Costs;
 use super::optimiser::Rates;
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
-use host_sim::scenario::Scenario;
 use kit::error::{Error, Result};
-use serde::{Deserialize, Serialize};
+use kit::keys;
 use std::path::PathBuf;
 
-/// The learner's parameters; `presets/ppo.toml` says what they mean.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs, reason = "the preset documents every key")]
-pub struct Recipe {
-    pub first_actor: PathBuf,
-    pub first_actor_sharpness: f32,
-    pub critic_first_episodes: u64,
-    pub hidden: Vec<usize>,
-    pub critic_hidden: Vec<usize>,
-    pub episodes: u64,
-    pub batches: u32,
-    pub worlds: u32,
-    pub updates: u32,
-    pub slots: u32,
-    pub epochs: u32,
-    pub minibatch: usize,
-    pub min_vehicles: u32,
-    pub max_vehicles: u32,
-    pub discount: f32,
-    pub trace: f32,
-    pub team: f32,
-    pub most_periods: f32,
-    pub transmission: f32,
-    pub clip: f32,
-    pub gradient_limit: f32,
-    pub learning_rate: [f32; 2],
-    pub critic_learning_rate: [f32; 2],
-    pub entropy: [f32; 2],
-    pub first_scores: [f32; 3],
+keys! {
+    /// The learner's parameters.
+    pub struct Recipe {
+        /// Folder of the run whose actor to go on from, such as one of `trainer distil`. Without one,
+        /// learning starts from the first scores.
+        #[key(source = "chosen")]
+        pub first_actor: PathBuf,
+        /// Factor of the first actor's scores: less than 1 makes it explore.
+        #[key(range = 1e-3..=1e3, source = "chosen")]
+        pub first_actor_sharpness: f32,
+        /// Episodes at the start in which only the critic learns.
+        #[key(range = 0.0..=1e6, unit = "episodes", source = "chosen")]
+        pub critic_first_episodes: u64,
+        /// Widths of the actor's hidden layers.
+        #[key(range = 1.0..=MAX_WIDTH as f64, longest = MAX_LAYERS - 1, unit = "widths", source = "chosen")]
+        pub hidden: Vec<usize>,
+        /// Widths of the critic's hidden layers.
+        #[key(range = 1.0..=MAX_WIDTH as f64, longest = MAX_LAYERS - 1, unit = "widths", source = "chosen")]
+        pub critic_hidden: Vec<usize>,
+        /// Episodes of the run; each begins with fresh worlds.
+        #[key(range = 1.0..=1e6, unit = "episodes", source = "chosen")]
+        pub episodes: u64,
+        /// Batches of worlds in an episode. The worlds of one batch have the same number of vehicles.
+        #[key(range = 1.0..=10_000.0, unit = "batches", source = "chosen")]
+        pub batches: u32,
+        /// Worlds in a batch.
+        #[key(range = 1.0..=10_000.0, unit = "worlds", source = "chosen")]
+        pub worlds: u32,
+        /// Updates in an episode.
+        #[key(range = 1.0..=10_000.0, unit = "updates", source = "chosen")]
+        pub updates: u32,
+        /// Slots played before each update.
+        #[key(range = 1.0..=10_000.0, unit = "slots", source = "chosen")]
+        pub slots: u32,
+        /// Times that an update goes over what was played.
+        #[key(range = 1.0..=1000.0, source = "chosen")]
+        pub epochs: u32,
+        /// Samples in a step of the optimiser.
+        #[key(range = 1.0..=16_777_216.0, unit = "samples", source = "chosen")]
+        pub minibatch: usize,
+        /// Fewest vehicles of a batch, whose number is drawn; it replaces the scenario's.
+        #[key(range = 1.0..=300.0, unit = "vehicles", source = "chosen")]
+        pub min_vehicles: u32,
+        /// Most vehicles of a batch. A table serves at most so many.
+        #[key(range = 1.0..=300.0, unit = "vehicles", source = "chosen")]
+        pub max_vehicles: u32,
+        /// Weight of the next slot's value.
+        #[key(range = 0.0..=0.999_99, source = "chosen")]
+        pub discount: f32,
+        /// Lambda of generalised advantage estimation.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub trace: f32,
+        /// Weight of each other group member's cost beside the own one in a reward.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub team: f32,
+        /// Largest cost of a slot, which costs the age in periods.
+        #[key(range = 1.0..=100.0, unit = "periods", source = "chosen")]
+        pub most_periods: f32,
+        /// Cost of a transmission in the same unit: where everybody sends and nobody is heard, only this
+        /// tells anybody to stop.
+        #[key(range = 0.0..=100.0, unit = "periods", source = "chosen")]
+        pub transmission: f32,
+        /// How far a probability ratio may leave 1.
+        #[key(range = 1e-3..=1.0, source = "chosen")]
+        pub clip: f32,
+        /// Largest norm of the actor's gradient.
+        #[key(range = 1e-6..=1e6, source = "chosen")]
+        pub gradient_limit: f32,
+        /// Learning rates of the actor at the start and at the end, linear between; Adam.
+        #[key(range = 1e-9..=1.0, source = "chosen")]
+        pub learning_rate: [f32; 2],
+        /// Learning rates of the critic at the start and at the end, linear between; Adam.
+        #[key(range = 1e-9..=1.0, source = "chosen")]
+        pub critic_learning_rate: [f32; 2],
+        /// Weights of the entropy at the start and at the end, geometric between.
+        #[key(range = 1e-12..=1e3, source = "chosen")]
+        pub entropy: [f32; 2],
+        /// Scores of silence, full power and each joiner level before anything is learned; not used after a
+        /// first actor.
+        #[key(range = -100.0..=100.0, source = "chosen: a vehicle sends about every sixth slot")]
+        pub first_scores: [f32; 3],
+    }
 }
 
 impl Recipe {
-    /// Checks ranges, and options against each other.
+    /// Checks keys against each other.
     ///
     /// # Errors
-    /// The first key that is out of its range, or does not go with another.
-    pub fn check(&self, _scenario: &Scenario) -> Result<()> {
-        for (key, value, most) in [
-            ("episodes", self.episodes, 1_000_000),
-            ("batches", self.batches.into(), 10_000),
-            ("worlds", self.worlds.into(), 10_000),
-            ("updates", self.updates.into(), 10_000),
-            ("slots", self.slots.into(), 10_000),
-            ("epochs", self.epochs.into(), 1000),
-            ("minibatch", self.minibatch as u64, 1 << 24),
-            ("min_vehicles", self.min_vehicles.into(), 300),
-            ("max_vehicles", self.max_vehicles.into(), 300),
-        ] {
-            if !(1..=most).contains(&value) {
-                return Err(Error::input(format!("ppo.{key}"), value, format!("1 to {most}")));
-            }
-        }
+    /// A key that does not go with another.
+    pub fn check(&self) -> Result<()> {
         if self.min_vehicles > self.max_vehicles {
             let expected = format!("at most ppo.max_vehicles, which is {}", self.max_vehicles);
             return Err(Error::input("ppo.min_vehicles", self.min_vehicles, expected));
@@ -73,56 +109,7 @@ impl Recipe {
                 expected,
             ));
         }
-        for (key, widths) in [("hidden", &self.hidden), ("critic_hidden", &self.critic_hidden)] {
-            let fits =
-                widths.len() < MAX_LAYERS && widths.iter().all(|width| (1..=MAX_WIDTH).contains(width));
-            if !fits {
-                let expected = format!("at most {} widths from 1 to {MAX_WIDTH}", MAX_LAYERS - 1);
-                return Err(Error::input(
-                    format!("ppo.{key}"),
-                    format!("{widths:?}"),
-                    expected,
-                ));
-            }
-        }
-        self.check_first_actor()?;
-        let [first_rate, last_rate] = self.learning_rate;
-        let [first_critic_rate, last_critic_rate] = self.critic_learning_rate;
-        let [first_entropy, last_entropy] = self.entropy;
-        for (key, value, least, most) in [
-            ("discount", self.discount, 0.0, 0.999_99),
-            ("trace", self.trace, 0.0, 1.0),
-            ("team", self.team, 0.0, 1.0),
-            ("most_periods", self.most_periods, 1.0, 100.0),
-            ("transmission", self.transmission, 0.0, 100.0),
-            ("clip", self.clip, 1e-3, 1.0),
-            ("gradient_limit", self.gradient_limit, 1e-6, 1e6),
-            ("learning_rate", first_rate, 1e-9, 1.0),
-            ("learning_rate", last_rate, 1e-9, 1.0),
-            ("critic_learning_rate", first_critic_rate, 1e-9, 1.0),
-            ("critic_learning_rate", last_critic_rate, 1e-9, 1.0),
-            ("entropy", first_entropy, 1e-12, 1e3),
-            ("entropy", last_entropy, 1e-12, 1e3),
-            ("first_actor_sharpness", self.first_actor_sharpness, 1e-3, 1e3),
-        ] {
-            // Also refuses NaN.
-            if !(least..=most).contains(&value) {
-                return Err(Error::input(
-                    format!("ppo.{key}"),
-                    value,
-                    format!("{least} to {most}"),
-                ));
-            }
-        }
-        if !self.first_scores.iter().all(|score| score.abs() <= 100.0) {
-            let found = format!("{:?}", self.first_scores);
-            return Err(Error::input(
-                "ppo.first_scores",
-                found,
-                "numbers from -100 to 100",
-            ));
-        }
-        Ok(())
+        self.check_first_actor()
     }
 
     /// Checks that what belongs to a first actor comes with one.

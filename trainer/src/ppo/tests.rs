@@ -304,7 +304,7 @@ fn bad_options_are_named() {
     );
     assert_eq!(
         message("ppo.max_vehicles=301"),
-        "ppo.max_vehicles: found 301, expected 1 to 300"
+        "ppo.max_vehicles: found 301, expected 1 to 300 vehicles"
     );
     assert_eq!(
         message("ppo.discount=1.0"),
