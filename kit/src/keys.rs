@@ -103,9 +103,9 @@ impl<T: Keyed, const N: usize> Keyed for [T; N] {
 
 /// Declares sections of a configuration: structs whose fields carry their documentation as [`Key`]s, in the constant `KEYS`.
 ///
-/// A field's doc comment is its meaning; `#[key(...)]` gives `range` (with both ends; needed for numbers), `choices` (names with
+/// A field's doc comment is its meaning; `#[key(...)]` gives `range` (with both ends), `choices` (names with
 /// meanings, where the type is another crate's and no [`Choice`]), `longest` (most values of a list), `unit` and `source`, in this
-/// order. A field that is itself a section has a doc comment alone.
+/// order; a key without what its kind needs does not compile. A field that is itself a section has a doc comment alone.
 #[macro_export]
 macro_rules! keys {
     ($(
@@ -157,7 +157,8 @@ macro_rules! keys {
                         concat!($($meaning),+),
                         $crate::kind!($type $($(, $choices)?)?),
                     )
-                },
+                }
+                .declared(),
             )+];
         }
 
@@ -192,6 +193,25 @@ impl Key {
             unit: "",
             source: "",
         }
+    }
+
+    /// The key, if all is said that its kind needs; otherwise its declaration does not compile.
+    #[doc(hidden)]
+    pub const fn declared(self) -> Self {
+        let each = match self.kind {
+            Kind::List(each, _) => *each,
+            kind => kind,
+        };
+        let ranged = self.least.is_finite() && self.most.is_finite();
+        assert!(
+            ranged || !matches!(each, Kind::Whole | Kind::Number),
+            "a number needs a range"
+        );
+        let short = self.longest < usize::MAX || !matches!(self.kind, Kind::List(_, None));
+        assert!(short, "a list needs a longest length");
+        let sourced = !self.source.is_empty() || matches!(self.kind, Kind::Section(_));
+        assert!(sourced, "a key needs a source");
+        self
     }
 
     /// What may stand there, with the unit, such as `0 to 100 dB`.
