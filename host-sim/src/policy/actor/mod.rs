@@ -1,8 +1,8 @@
 //! The firmware's actor: it decides for a row of worlds at a time, with the bits of the firmware's library.
 //!
 //! Encoding, choice and power are the library's own lines, called lane by lane. The network's products alone are written anew for
-//! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every slot decides by the actor alone, so
-//! no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
+//! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every
+//! slot decides by the actor alone, so no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
 //! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, `units` decide; so
 //! they do for a single world, which is less work than a row of which one lane counts.
 
