@@ -77,8 +77,15 @@ impl Encoder {
     pub fn view(&self, senses: &Senses<'_>) -> View {
         let home = senses.homes().map(i32::from);
         View {
-            gain: home_first(|sub_channel| senses.gain(sub_channel), &home),
-            interference: home_first(|sub_channel| senses.interference(sub_channel), &home),
+            gain: home_first(&[senses.gain(0), senses.gain(1), senses.gain(2)], &home),
+            interference: home_first(
+                &[
+                    senses.interference(0),
+                    senses.interference(1),
+                    senses.interference(2),
+                ],
+                &home,
+            ),
             age: senses.ages().map(i32::from),
             turn_lost_after: senses.turns_lost_after().map(i32::from),
             period: of_home(&self.groups.period, &home, 0),
@@ -131,12 +138,11 @@ fn of_home(rows: &[Row<i32>; SUB_CHANNELS], home: &Row<i32>, offset: usize) -> R
 
 /// Levels of all sub-channels in 1/256 dB, the home sub-channel's first.
 #[inline(always)]
-fn home_first(level: impl Fn(usize) -> Row<i32>, home: &Row<i32>) -> [Row<i32>; SUB_CHANNELS] {
-    let levels = std::array::from_fn(level);
+fn home_first(levels: &[Row<i32>; SUB_CHANNELS], home: &Row<i32>) -> [Row<i32>; SUB_CHANNELS] {
     [
-        of_home(&levels, home, 0),
-        of_home(&levels, home, 1),
-        of_home(&levels, home, 2),
+        of_home(levels, home, 0),
+        of_home(levels, home, 1),
+        of_home(levels, home, 2),
     ]
 }
 
