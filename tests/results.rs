@@ -112,11 +112,11 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
         seed: shipped.provenance().seed,
         ..Default::default()
     };
-    let made = trainer::command::distil::distil_table(
-        &trainer::command::distil::shipped_scenario().unwrap(),
+    let made = trainer::distil::table::distil_table(
+        &trainer::distil::table::shipped_scenario().unwrap(),
         &recipe,
         *shipped.provenance(),
-        true,
+        |_| (),
     )
     .unwrap();
     assert!(

@@ -7,13 +7,16 @@ use crate::decision::{ACTIONS, Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES,
 use crate::network::MAX_OUTPUTS;
 use crate::observation::{INPUTS, ONE_HOT_INPUTS, Observation, PAPER_INPUTS};
 use crate::units::{Dbm, Level, SubChannel};
+use serde::{Deserialize, Serialize};
 
 /// What a network sees of a measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum ObservationForm {
     /// [`Observation::encode`]: home sub-channel first, with flags of the clock.
+    #[serde(rename = "firmware")]
     HomeFirst = 0,
     /// [`Observation::encode_age_one_hot`]: nothing of the clock's phase.
     AgeOneHot = 1,
@@ -54,7 +57,8 @@ impl ObservationForm {
 }
 
 /// What a network's outputs mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum OutputForm {
@@ -88,6 +92,15 @@ impl OutputForm {
             Self::Actions => ACTIONS,
             Self::SubChannels | Self::SendingSubChannels => SUB_CHANNEL_CHOICES,
             Self::SubChannelAndPower => 2,
+        }
+    }
+
+    /// The same where silence may be chosen or not; only [`OutputForm::SubChannels`] exists without.
+    #[must_use]
+    pub const fn with_silence(self, silence: bool) -> Self {
+        match self {
+            Self::SubChannels if !silence => Self::SendingSubChannels,
+            form => form,
         }
     }
 

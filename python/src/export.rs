@@ -4,6 +4,7 @@ use crate::error::{check_range, exception, value_error};
 use crate::scenario::{Scenario, Setting};
 use crate::table::{Table, input_rows};
 use firmware::decision::ACTIONS;
+use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_LAYERS;
 use firmware::observation::{INPUTS, Observation};
 use firmware::table::Provenance;
@@ -19,12 +20,12 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use trainer::distil::{as_float, best_action};
 use trainer::evaluate::compare;
 use trainer::export::{Header, table_bytes};
+use trainer::forms::{as_float, best_action};
 use trainer::laboratory::actors::{ActorForm, Actors};
-use trainer::laboratory::forms::{ObservationForm, OutputForm};
-use trainer::network::{Layer, Network};
+use trainer::network::Network;
+use trainer::network::perceptron::{Pass, Rows};
 use trainer::quantise::quantise;
 
 /// Worlds and slots that calibrate activations (chosen: about a quarter of a million observations of 20 vehicles).
@@ -50,13 +51,13 @@ impl FloatNetwork {
                 expected,
             ));
         }
-        let mut inner = Network { layers: Vec::new() };
-        let mut inputs = INPUTS;
+        let (mut widths, mut parameters) = (vec![INPUTS], Vec::new());
         for (index, (weights, biases)) in layers.iter().enumerate() {
             let &[outputs, columns] = weights.shape() else {
                 continue;
             };
             let place = format!("network: layer {index}");
+            let inputs = widths[index];
             if columns != inputs {
                 return Err(value_error(place, format!("{columns} inputs"), inputs));
             }
@@ -74,15 +75,11 @@ impl FloatNetwork {
                     format!("{ACTIONS}, one an action"),
                 ));
             }
-            let weights = weights.as_array();
-            inner.layers.push(Layer {
-                inputs,
-                outputs,
-                weights: weights.t().iter().copied().collect(),
-                biases: biases.as_array().iter().copied().collect(),
-            });
-            inputs = outputs;
+            parameters.extend(weights.as_array().iter());
+            parameters.extend(biases.as_array().iter());
+            widths.push(outputs);
         }
+        let inner = Network::new(&widths, parameters);
         Ok(Self { inner })
     }
 
@@ -121,8 +118,8 @@ impl FloatNetwork {
             .map_err(|error| refuse(error.to_string()))?;
         let scenario = &scenario.inner;
         let header = Header {
-            observation_form: ObservationForm::Firmware.in_table(),
-            output_form: OutputForm::Actions.in_table(),
+            observation_form: ObservationForm::HomeFirst,
+            output_form: OutputForm::Actions,
             max_vehicles,
             required_sinr: scenario.radio.required_level(),
             power_plan: power_plan(scenario),
@@ -164,8 +161,9 @@ impl FloatNetwork {
         let vehicles = u32::from(table.max_vehicles());
         let actors = Actors {
             form: ActorForm {
-                observation: ObservationForm::Firmware,
+                observation: ObservationForm::HomeFirst,
                 output: OutputForm::Actions,
+                noise: 0.0,
                 min_vehicles: 1,
                 max_vehicles: vehicles,
             },
@@ -189,18 +187,23 @@ impl FloatNetwork {
         let mut environment = Environment::new(scenario, source.as_ref(), seed, Purpose::Training, worlds);
         let (required, plan) = (scenario.radio.required_level(), power_plan(scenario));
         let mut decisions = Decisions::new(1, environment.vehicles());
-        let mut inputs = Vec::new();
+        let (mut inputs, mut pass) = (Vec::new(), Pass::default());
         for _ in 0..CALIBRATION_SLOTS {
             decisions.clear();
+            let (first, mut observed) = (inputs.len(), Vec::new());
             for &vehicle in environment.present() {
                 let Some(measurement) = environment.measurement(0, vehicle) else {
                     continue;
                 };
                 let observation = Observation::new(&measurement);
-                let input = observation.encode(required);
-                inputs.push(input);
-                let action = best_action(&self.inner.forward(&as_float(&input)));
-                decisions.set(0, vehicle, plan.decision(action, &observation));
+                inputs.push(observation.encode(required));
+                observed.push((vehicle, observation));
+            }
+            let floats: Vec<f32> = inputs[first..].iter().flat_map(as_float).collect();
+            let _columns = self.inner.forward_batch(Rows::all(&floats, INPUTS), &mut pass);
+            let scores = pass.output_lines();
+            for ((vehicle, observation), scores) in observed.iter().zip(scores.chunks_exact(ACTIONS)) {
+                decisions.set(0, *vehicle, plan.decision(best_action(scores), observation));
             }
             environment.step(&decisions);
         }

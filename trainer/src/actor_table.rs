@@ -1,22 +1,19 @@
 //! A trained actor as a weight table: calibrated on worlds of its own training, then the same quantiser and format as
 //! everything else.
 
-use crate::command::distil::provenance;
 use crate::evaluate::{Setting, watch_inputs};
 use crate::export::{Header, table_bytes};
+use crate::forms::at_code_one;
 use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::forms::OutputForm;
+use crate::laboratory::random;
 use crate::network::Network;
+use crate::provenance::provenance;
 use crate::quantise::quantise;
 use crate::run_folder::RunIdentity;
-use firmware::form::CONTINUOUS_ONE;
-use firmware::network::{MAX_LAYERS, MAX_WIDTH};
+use firmware::form::{CONTINUOUS_ONE, OutputForm};
+use firmware::network::MAX_LAYERS;
+use firmware::network::MAX_WIDTH;
 use firmware::table::Table;
-use host_sim::environment::Environment;
-use host_sim::mobility::Grid;
-use host_sim::policy::power_plan;
-use host_sim::scenario::Scenario;
-use host_sim::stream::Purpose;
 use kit::error::{Error, Result};
 use rayon::prelude::*;
 use std::fmt::Display;
@@ -30,32 +27,19 @@ const SLOTS: u32 = 150;
 /// Index of the first of them, far from the worlds of episodes.
 const FIRST_WORLD: u64 = 1 << 62;
 
-/// What actors see and do in a scenario.
-pub fn setting(scenario: &Scenario) -> Setting {
-    Setting {
-        required_sinr: scenario.radio.required_level(),
-        power_plan: power_plan(scenario),
-    }
-}
-
 /// The network for a table: for inputs in its codes, whose unit is not every input's own, and without the score of a silence
 /// that its form never chooses, which may be far from all others.
 fn for_table(network: &Network, form: ActorForm) -> Network {
     let mut network = network.clone();
-    if let Some(first) = network.layers.first_mut() {
-        let columns = first.weights.chunks_exact_mut(first.outputs);
-        for (input, column) in columns.enumerate() {
-            let unit = form.observation.at_code_one(input);
-            column.iter_mut().for_each(|weight| *weight *= unit);
-        }
+    let inputs = form.observation.inputs();
+    for (place, weight) in network.layer_mut(0).0.iter_mut().enumerate() {
+        *weight *= at_code_one(form.observation, place % inputs);
     }
-    if form.output == (OutputForm::SubChannels { silence: false })
-        && let Some(last) = network.layers.last_mut()
-    {
-        let silence = last.weights.iter_mut().step_by(last.outputs);
-        silence
-            .chain(&mut last.biases[..1])
-            .for_each(|parameter| *parameter = 0.0);
+    if form.output == OutputForm::SendingSubChannels {
+        let (weights, biases) = network.last_mut();
+        let inputs = weights.len() / biases.len();
+        weights[..inputs].fill(0.0);
+        biases[0] = 0.0;
     }
     network
 }
@@ -87,7 +71,7 @@ pub fn check_widths(actors: &Actors) -> Result<()> {
 pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usize>) -> Result<Vec<Vec<u8>>> {
     check_widths(actors)?;
     let scenario = &identity.configuration.scenario;
-    let setting = setting(scenario);
+    let setting = Setting::of_scenario(scenario);
     let watched: Vec<Vec<(usize, Vec<i8>)>> = (0..WORLDS)
         .into_par_iter()
         .map(|world| {
@@ -95,9 +79,7 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
             let (least, most) = (actors.form.min_vehicles, actors.form.max_vehicles);
             scenario.cell.vehicles = least + ((u64::from(most - least) * world) / (WORLDS - 1)) as u32;
             let worlds = FIRST_WORLD + world..FIRST_WORLD + world + 1;
-            let source = &Grid;
-            let mut environment =
-                Environment::new(&scenario, source, identity.seed, Purpose::Training, worlds);
+            let mut environment = random::worlds(&scenario, identity.seed, worlds);
             let mut inputs = Vec::new();
             watch_inputs(&mut environment, actors, setting, SLOTS, |vehicle, input| {
                 if actors.shared() || vehicles.contains(&vehicle) {
@@ -107,12 +89,11 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
             inputs
         })
         .collect();
-    let (observation_form, output_form) = (actors.form.observation.in_table(), actors.form.output.in_table());
-    let output_step = matches!(actors.form.output, OutputForm::SubChannelAndPower { .. })
-        .then_some(1.0 / f64::from(CONTINUOUS_ONE));
+    let continuous = actors.form.output == OutputForm::SubChannelAndPower;
+    let output_step = continuous.then_some(1.0 / f64::from(CONTINUOUS_ONE));
     let header = Header {
-        observation_form,
-        output_form,
+        observation_form: actors.form.observation,
+        output_form: actors.form.output,
         max_vehicles: u16::try_from(actors.form.max_vehicles).unwrap_or(u16::MAX),
         required_sinr: setting.required_sinr,
         power_plan: setting.power_plan,
@@ -145,9 +126,10 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::configuration::Preset;
     use crate::evaluate::compare;
-    use crate::laboratory::configuration::Preset;
     use host_sim::command::options::parse_table;
+    use host_sim::mobility::Grid;
     use host_sim::simulation::{Extent, Simulation};
 
     /// A table of each form decides as its float network does, on worlds that it was not calibrated on.
@@ -179,8 +161,8 @@ mod tests {
                 .map(|bytes| parse_table(None, bytes).unwrap())
                 .collect();
             assert_eq!(tables.len(), 3);
-            assert_eq!(tables[0].observation_form(), actors.form.observation.in_table());
-            assert_eq!(tables[0].output_form(), actors.form.output.in_table());
+            assert_eq!(tables[0].observation_form(), actors.form.observation);
+            assert_eq!(tables[0].output_form(), actors.form.output);
             let simulation = Simulation {
                 scenario: &identity.configuration.scenario,
                 source: &Grid,

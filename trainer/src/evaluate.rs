@@ -1,8 +1,8 @@
 //! Trained actors as policies, in float and in int8, on the same held-out worlds.
 
-use crate::actor_table::setting;
+use crate::forms;
 use crate::laboratory::actors::Actors;
-use crate::network::Batch;
+use crate::network::perceptron::{Pass, Rows};
 use firmware::actor::Actor;
 use firmware::decision::{Decision, PowerPlan};
 use firmware::measurement::Measurement;
@@ -13,7 +13,8 @@ use host_sim::age::AgeSummary;
 use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
-use host_sim::policy::{Decider, Policy, Setup, actor};
+use host_sim::policy::{Decider, Policy, Setup, actor, power_plan};
+use host_sim::scenario::Scenario;
 use host_sim::senses::Senses;
 use host_sim::simulation::Simulation;
 use host_sim::stream::Stream;
@@ -57,6 +58,14 @@ pub struct Setting {
 }
 
 impl Setting {
+    /// What actors see and do in a scenario.
+    pub fn of_scenario(scenario: &Scenario) -> Self {
+        Self {
+            required_sinr: scenario.radio.required_level(),
+            power_plan: power_plan(scenario),
+        }
+    }
+
     /// That of the scenario that a table was made for.
     pub fn of_table(table: &Table<'_>) -> Self {
         Self {
@@ -78,7 +87,7 @@ pub struct FloatActors<'a> {
     /// A vehicle's measurements with their worlds, and the inputs made of them, one after the other.
     measured: Vec<(usize, Measurement)>,
     inputs: Vec<f32>,
-    batch: Batch,
+    pass: Pass,
     outputs: Vec<f32>,
     /// One table, or one for each vehicle, that is asked too.
     quantised: Vec<Actor<'a>>,
@@ -99,7 +108,7 @@ impl<'a> FloatActors<'a> {
             explore: Vec::new(),
             measured: Vec::new(),
             inputs: Vec::new(),
-            batch: Batch::default(),
+            pass: Pass::default(),
             outputs: Vec::new(),
             quantised: tables.iter().cloned().map(Actor::new).collect(),
             agreement,
@@ -133,23 +142,28 @@ impl Policy for FloatActors<'_> {
         self.measured.clear();
         self.measured
             .extend(lanes.filter_map(|lane| Some((lane, senses.measurement(lane)?))));
-        let (length, samples) = (form.observation.length(), self.measured.len());
+        let (length, samples) = (form.observation.inputs(), self.measured.len());
         self.inputs.resize(samples * length, 0.0);
         for ((_, measurement), input) in self.measured.iter().zip(self.inputs.chunks_exact_mut(length)) {
-            form.observation.write(measurement, required_sinr, input);
+            forms::observe(form.observation, measurement, required_sinr, input);
         }
         let network = self.actors.network(vehicle);
-        let columns = network.forward_batch(&self.inputs, &mut self.batch);
+        let columns = network.forward_batch(Rows::all(&self.inputs, length), &mut self.pass);
         for (sample, (lane, measurement)) in self.measured.iter().enumerate() {
             self.outputs.clear();
             self.outputs.extend(columns.iter().skip(sample).step_by(samples));
             let explore = self.explore.get_mut(senses.block() * LANES + lane);
-            let decision = form
-                .output
-                .decide(&self.outputs, measurement, &power_plan, explore);
+            let observation = Observation::new(measurement);
+            let decision = forms::decide(
+                form.output,
+                &self.outputs,
+                form.noise,
+                &observation,
+                &power_plan,
+                explore,
+            );
             decisions.set(*lane, decision);
             if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
-                let observation = Observation::new(measurement);
                 same += u64::from(agree(decision, quantised.decide(&observation)));
                 all += 1;
             }
@@ -173,7 +187,7 @@ pub fn watch_inputs(
         power_plan,
     } = setting;
     let form = actors.form;
-    let mut input = vec![0.0; form.observation.length()];
+    let mut input = vec![0.0; form.observation.inputs()];
     let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
     for _ in 0..slots {
         for &vehicle in environment.present() {
@@ -181,13 +195,14 @@ pub fn watch_inputs(
                 let Some(measurement) = environment.measurement(world, vehicle) else {
                     continue;
                 };
-                form.observation.write(&measurement, required_sinr, &mut input);
+                forms::observe(form.observation, &measurement, required_sinr, &mut input);
                 let outputs = actors.network(vehicle).forward(&input);
-                let decision = form.output.decide(&outputs, &measurement, &power_plan, None);
-                decisions.set(world, vehicle, decision);
                 let observation = Observation::new(&measurement);
-                let table_form = form.observation.in_table();
-                table_form.encode(&observation, required_sinr, |input| seen(vehicle, input));
+                let decision =
+                    forms::decide(form.output, &outputs, form.noise, &observation, &power_plan, None);
+                decisions.set(world, vehicle, decision);
+                form.observation
+                    .encode(&observation, required_sinr, |input| seen(vehicle, input));
             }
         }
         environment.step(&decisions);
@@ -212,7 +227,7 @@ pub struct Comparison {
 pub fn compare(simulation: &Simulation<'_>, actors: &Actors, tables: &[Table<'_>]) -> Result<Comparison> {
     let setting = tables
         .first()
-        .map_or_else(|| setting(simulation.scenario), Setting::of_table);
+        .map_or_else(|| Setting::of_scenario(simulation.scenario), Setting::of_table);
     let float = float(simulation, actors, setting, tables, || ())?;
     Ok(Comparison {
         agreement: float.1.unwrap_or(1.0),
@@ -302,7 +317,7 @@ fn check_vehicles(simulation: &Simulation<'_>, actors: usize) -> Result<()> {
 mod tests {
     use super::*;
     use crate::actor_table::actor_tables;
-    use crate::laboratory::configuration::Preset;
+    use crate::configuration::Preset;
     use crate::run_folder::RunIdentity;
     use host_sim::command::options::parse_table;
     use host_sim::mobility::Grid;
@@ -330,7 +345,7 @@ mod tests {
                 warmup: 20,
             },
         };
-        let setting = setting(simulation.scenario);
+        let setting = Setting::of_scenario(simulation.scenario);
         let bytes = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
         let table = parse_table(None, &bytes).unwrap();
         let tables = vec![table.clone(); 3];

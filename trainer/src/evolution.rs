@@ -1,18 +1,16 @@
 //! Cross-entropy search (Rubinstein 1999): a normal distribution over the actor's parameters, drawn to its best samples.
 
+use crate::game::cell::{Cell, Unpaid};
+use crate::game::{Game, Tally};
 use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::forms::{ObservationForm, OutputForm};
-use crate::laboratory::learner::{Learner, Metrics, name};
+use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
-use crate::network::{Layer, Network};
-use firmware::decision::Decision;
-use host_sim::decisions::Decisions;
-use host_sim::environment::Environment;
-use host_sim::mobility::Grid;
-use host_sim::policy::power_plan;
+use crate::network::Network;
+use crate::network::perceptron::{Pass, Perceptron, Rows};
+use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, Stream};
+use host_sim::stream::Stream;
 use kit::error::{Error, Result};
 use kit::keys;
 use rayon::prelude::*;
@@ -70,6 +68,10 @@ impl Evolution {
     }
 }
 
+/// What the actor sees, and what it does.
+const OBSERVATION: ObservationForm = ObservationForm::HomeFirst;
+const OUTPUT: OutputForm = OutputForm::Actions;
+
 /// A normal distribution over parameter vectors, with independent components.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
@@ -106,49 +108,6 @@ impl Search {
     }
 }
 
-/// A network of these widths with these parameters: each layer's weights, then its biases.
-fn network(widths: &[usize], parameters: &[f32]) -> Network {
-    let mut rest = parameters;
-    let layers = widths.windows(2).map(|window| {
-        let (inputs, outputs) = (window[0], window[1]);
-        let (weights, after) = rest.split_at(inputs * outputs);
-        let (biases, after) = after.split_at(outputs);
-        rest = after;
-        Layer {
-            inputs,
-            outputs,
-            weights: weights.to_vec(),
-            biases: biases.to_vec(),
-        }
-    });
-    Network {
-        layers: layers.collect(),
-    }
-}
-
-/// Parameters of a network of these widths.
-fn parameter_count(widths: &[usize]) -> usize {
-    widths.windows(2).map(|window| (window[0] + 1) * window[1]).sum()
-}
-
-/// Sums over the vehicle-slots of one world.
-#[derive(Clone, Copy, Debug, Default)]
-struct Watched {
-    age: f64,
-    power_mw: f64,
-    successes: f64,
-    vehicle_slots: f64,
-}
-
-impl Watched {
-    fn add(&mut self, other: &Self) {
-        self.age += other.age;
-        self.power_mw += other.power_mw;
-        self.successes += other.successes;
-        self.vehicle_slots += other.vehicle_slots;
-    }
-}
-
 /// The search at work in the cell.
 pub struct EvolutionLearner {
     scenario: Scenario,
@@ -162,9 +121,9 @@ impl EvolutionLearner {
     /// Before the first generation: all parameters around zero, but silence preferred.
     pub fn new(scenario: Scenario, evolution: Evolution, seed: u64) -> Self {
         let widths = widths(&evolution.hidden);
-        let count = parameter_count(&widths);
+        let count = Perceptron::of_widths(&widths).parameters();
         let mut mean = vec![0.0; count];
-        mean[count - OutputForm::Actions.length()] = evolution.silence_bias;
+        mean[count - OUTPUT.outputs()] = evolution.silence_bias;
         let search = Search {
             mean,
             deviation: vec![evolution.first_deviation; count],
@@ -181,44 +140,24 @@ impl EvolutionLearner {
 
 /// Inputs, hidden layers, actions.
 fn widths(hidden: &[usize]) -> Vec<usize> {
-    let mut widths = vec![ObservationForm::Firmware.length()];
-    widths.extend(hidden);
-    widths.push(OutputForm::Actions.length());
-    widths
+    [&[OBSERVATION.inputs()], hidden, &[OUTPUT.outputs()]].concat()
 }
 
-/// Runs one actor greedily in these worlds.
-fn watch(environment: &mut Environment<'_>, network: &Network, slots: u32) -> Watched {
-    let scenario = environment.scenario();
-    let (required, plan) = (scenario.radio.required_level(), power_plan(scenario));
-    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
-    let mut inputs = [0.0; ObservationForm::Firmware.length()];
-    let mut watched = Watched::default();
+/// Plays one actor greedily for so many slots.
+fn play(game: &mut impl Game, network: &Network, slots: u32) -> Tally {
+    let shape = game.shape();
+    let (mut known, mut rewards) = (vec![0.0; shape.rows() * shape.known], vec![0.0; shape.rows()]);
+    let (mut pass, mut tally) = (Pass::default(), Tally::default());
     for _ in 0..slots {
-        for &vehicle in environment.present() {
-            for world in 0..environment.worlds() {
-                let Some(measurement) = environment.measurement(world, vehicle) else {
-                    continue;
-                };
-                ObservationForm::Firmware.write(&measurement, required, &mut inputs);
-                let outputs = network.forward(&inputs);
-                let decision = OutputForm::Actions.decide(&outputs, &measurement, &plan, None);
-                if let Decision::Transmit { power, .. } = decision {
-                    watched.power_mw += libm::exp10(f64::from(power.value()) / 10.0);
-                }
-                decisions.set(world, vehicle, decision);
-            }
+        game.know(&mut known);
+        let _columns = network.forward_batch(Rows::all(&known, shape.known), &mut pass);
+        let mut actions = Vec::with_capacity(rewards.len());
+        for scores in pass.output_lines().chunks_exact(shape.actions.length()) {
+            shape.actions.act(scores, 0.0, None, &mut actions);
         }
-        environment.step(&decisions);
-        for &vehicle in environment.present() {
-            for world in 0..environment.worlds() {
-                watched.successes += f64::from(u8::from(environment.received(world, vehicle)));
-                watched.age += f64::from(environment.age(world, vehicle).slots());
-                watched.vehicle_slots += 1.0;
-            }
-        }
+        game.step(&actions, &mut rewards, &mut tally);
     }
-    watched
+    tally
 }
 
 impl Learner for EvolutionLearner {
@@ -244,47 +183,29 @@ impl Learner for EvolutionLearner {
         let samples: Vec<Vec<f32>> = (0..population).map(|_| self.search.draw(&mut stream)).collect();
         // The same worlds for all.
         let first = random::world(self.seed, self.done, worlds, 0).world;
-        let watched: Vec<Watched> = samples
+        let played: Vec<Tally> = samples
             .par_iter()
             .map(|sample| {
-                let network = network(&widths, sample);
-                let mut environment = Environment::new(
-                    &self.scenario,
-                    &Grid,
-                    self.seed,
-                    Purpose::Training,
-                    first..first + worlds,
-                );
-                watch(&mut environment, &network, slots)
+                let environment = random::worlds(&self.scenario, self.seed, first..first + worlds);
+                let mut cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, Unpaid);
+                play(&mut cell, &Network::by_inputs(&widths, sample), slots)
             })
             .collect();
-        let scores: Vec<f64> = watched.iter().map(|sum| -sum.age / sum.vehicle_slots).collect();
+        let scores: Vec<f64> = played.iter().map(|sum| -sum.age / sum.agent_slots).collect();
         let left = 1.0 - self.done as f32 / self.evolution.episodes as f32;
         let least = (self.evolution.first_deviation * left).max(least_deviation);
         self.search.learn(&samples, &scores, elite as usize, least);
         self.done += 1;
-        let mut all = Watched::default();
-        watched.iter().for_each(|sum| all.add(sum));
-        let age = all.age / all.vehicle_slots;
+        let mut all = Tally::default();
+        played.iter().for_each(|sum| all.merge(sum));
+        let age = all.age / all.agent_slots;
         let vehicles = f64::from(self.scenario.cell.vehicles);
-        let world_slots = all.vehicle_slots / vehicles;
-        let deviation = self
-            .search
-            .deviation
-            .iter()
-            .map(|&value| f64::from(value))
-            .sum::<f64>()
-            / self.search.deviation.len() as f64;
-        Metrics::default()
-            .with(
-                name::REWARD,
-                -age / vehicles + 0.05 * all.successes / all.vehicle_slots,
-            )
-            .with(name::AGE, age)
-            .with(name::SUCCESSES, all.successes / world_slots)
-            .with(name::POWER, all.power_mw / all.vehicle_slots)
-            .with(name::SLOTS, self.done as f64 * world_slots)
-            .with(name::UPDATES, self.done as f64)
+        let deviations = &self.search.deviation;
+        let deviation =
+            deviations.iter().map(|&value| f64::from(value)).sum::<f64>() / deviations.len() as f64;
+        let reward = -age / vehicles + 0.05 * all.received / all.agent_slots;
+        let slots = self.done as f64 * all.world_slots;
+        all.metrics(reward, slots, self.done)
             .with(
                 "best_age_ms",
                 -scores.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -316,12 +237,16 @@ impl Learner for EvolutionLearner {
         let vehicles = self.scenario.cell.vehicles;
         Actors {
             form: ActorForm {
-                observation: ObservationForm::Firmware,
-                output: OutputForm::Actions,
+                observation: OBSERVATION,
+                output: OUTPUT,
+                noise: 0.0,
                 min_vehicles: vehicles,
                 max_vehicles: vehicles,
             },
-            networks: vec![network(&widths(&self.evolution.hidden), &self.search.mean)],
+            networks: vec![Network::by_inputs(
+                &widths(&self.evolution.hidden),
+                &self.search.mean,
+            )],
         }
     }
 }
@@ -329,38 +254,22 @@ impl Learner for EvolutionLearner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::laboratory::game::Game;
-    use crate::toy::Turns;
-
-    /// Mean global reward of the greedy actor with these parameters over a whole episode.
-    fn play(widths: &[usize], parameters: &[f32], slots: u32) -> f64 {
-        let network = network(widths, parameters);
-        let mut game = Turns::new(16);
-        let agents = game.worlds() * game.agents();
-        let mut observations = vec![0.0; agents * game.observation_length()];
-        let mut rewards = vec![0.0; agents];
-        let mut sum = 0.0;
-        for _ in 0..slots {
-            game.observe(&mut observations);
-            let actions: Vec<u8> = observations
-                .chunks_exact(game.observation_length())
-                .map(|observation| {
-                    let outputs = network.forward(observation);
-                    u8::from(outputs[1] > outputs[0])
-                })
-                .collect();
-            game.step(&actions, &mut rewards);
-            sum += rewards.iter().map(|&reward| f64::from(reward)).sum::<f64>();
-        }
-        sum / agents as f64 / f64::from(slots)
-    }
+    use crate::game::toy::Turns;
 
     #[test]
     fn the_toy_is_played_within_half_a_percent_of_the_best() {
         const SLOTS: u32 = 20;
         let widths = [9, 2];
+        let mean_age = |parameters: &[f32]| {
+            let tally = play(
+                &mut Turns::new(16),
+                &Network::by_inputs(&widths, parameters),
+                SLOTS,
+            );
+            tally.age / tally.agent_slots
+        };
         for seed in 0..5 {
-            let count = parameter_count(&widths);
+            let count = Perceptron::of_widths(&widths).parameters();
             let mut search = Search {
                 mean: vec![0.0; count],
                 deviation: vec![1.0; count],
@@ -368,16 +277,12 @@ mod tests {
             for generation in 0..80 {
                 let mut stream = random::episode(seed, generation, 0);
                 let samples: Vec<Vec<f32>> = (0..200).map(|_| search.draw(&mut stream)).collect();
-                let scores: Vec<f64> = samples
-                    .iter()
-                    .map(|sample| play(&widths, sample, SLOTS))
-                    .collect();
+                let scores: Vec<f64> = samples.iter().map(|sample| -mean_age(sample)).collect();
                 search.learn(&samples, &scores, 20, (1.0 - generation as f32 / 80.0).max(0.2));
             }
-            let found = play(&widths, &search.mean, SLOTS);
-            let best = Turns::best_reward(SLOTS);
+            let (found, best) = (mean_age(&search.mean), Turns::best_age(SLOTS));
             // What is missing is one lost slot from one or two of the sixteen starts.
-            assert!(found >= 1.005 * best, "seed {seed}: {found} of {best}");
+            assert!(found <= 1.005 * best, "seed {seed}: {found} of {best}");
         }
     }
 }

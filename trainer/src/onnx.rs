@@ -3,8 +3,8 @@
 //! # Source
 //! `onnx.proto` (field numbers) and the operators Gemm, Relu and Tanh of the default domain.
 
-use crate::laboratory::forms::OutputForm;
 use crate::network::Network;
+use firmware::form::OutputForm;
 use prost::Message as _;
 
 /// Version of the file format, and of the operators: those of ONNX 1.16, which runtimes of today know.
@@ -132,25 +132,21 @@ enum Length {
 /// One actor as a model: input `observation` of `[batch, inputs]`; output `scores`, or `action` after tanh where the form says
 /// so, of `[batch, outputs]`. Weights have the names and shapes of the safetensors file.
 pub fn model(network: &Network, form: OutputForm) -> Vec<u8> {
+    let widths = network.widths();
     let mut graph = Graph {
         name: "actor".to_owned(),
-        input: vec![matrix(
-            "observation",
-            network.layers.first().map_or(0, |layer| layer.inputs),
-        )],
+        input: vec![matrix("observation", widths[0])],
         ..Graph::default()
     };
     let mut value = "observation".to_owned();
-    let last = network.layers.len().saturating_sub(1);
-    let tanh = matches!(form, OutputForm::SubChannelAndPower { .. });
-    for (index, layer) in network.layers.iter().enumerate() {
+    let last = network.layers().len() - 1;
+    let tanh = form == OutputForm::SubChannelAndPower;
+    for (index, layer) in network.layers().enumerate() {
         let name = format!("layers.{index}");
         let (weight, bias) = (format!("{name}.weight"), format!("{name}.bias"));
         let shape = [layer.outputs as i64, layer.inputs as i64];
-        graph.initializer.push(tensor(&weight, &shape, layer.rows()));
-        graph
-            .initializer
-            .push(tensor(&bias, &shape[..1], layer.biases.iter().copied()));
+        graph.initializer.push(tensor(&weight, &shape, layer.weights));
+        graph.initializer.push(tensor(&bias, &shape[..1], layer.biases));
         let product = if index == last && !tanh {
             "scores".to_owned()
         } else {
@@ -185,8 +181,7 @@ pub fn model(network: &Network, form: OutputForm) -> Vec<u8> {
             value = output;
         }
     }
-    let outputs = network.layers.last().map_or(0, |layer| layer.outputs);
-    graph.output.push(matrix(&value, outputs));
+    graph.output.push(matrix(&value, widths[last + 1]));
     let model = Model {
         ir_version: IR_VERSION,
         producer_name: "freshlane".to_owned(),
@@ -199,12 +194,12 @@ pub fn model(network: &Network, form: OutputForm) -> Vec<u8> {
     model.encode_to_vec()
 }
 
-fn tensor(name: &str, dims: &[i64], values: impl Iterator<Item = f32>) -> Tensor {
+fn tensor(name: &str, dims: &[i64], values: &[f32]) -> Tensor {
     Tensor {
         dims: dims.to_vec(),
         data_type: FLOAT,
         name: name.to_owned(),
-        raw_data: values.flat_map(f32::to_le_bytes).collect(),
+        raw_data: values.iter().flat_map(|value| value.to_le_bytes()).collect(),
     }
 }
 
@@ -231,23 +226,11 @@ fn matrix(name: &str, columns: usize) -> ValueInfo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::Layer;
 
     /// onnxruntime ran this model to the right numbers; `tests/check_exports.py` runs a whole run's.
     #[test]
     fn models_have_the_bytes_that_onnxruntime_runs() {
-        let layer = |inputs, outputs, weights: &[f32], biases: &[f32]| Layer {
-            inputs,
-            outputs,
-            weights: weights.to_vec(),
-            biases: biases.to_vec(),
-        };
-        let network = Network {
-            layers: vec![
-                layer(2, 1, &[1.0, -2.0], &[0.5]),
-                layer(1, 2, &[3.0, 4.0], &[0.0, -1.0]),
-            ],
-        };
+        let network = Network::new(&[2, 1, 2], vec![1.0, -2.0, 0.5, 3.0, 4.0, 0.0, -1.0]);
         let bytes = model(&network, OutputForm::Actions);
         let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         let expected = [
@@ -264,7 +247,7 @@ mod tests {
         ];
         assert_eq!(hexadecimal, expected.concat());
 
-        let continuous = model(&network, OutputForm::SubChannelAndPower { noise: 0.1 });
+        let continuous = model(&network, OutputForm::SubChannelAndPower);
         let graph = Model::decode(continuous.as_slice()).unwrap().graph.unwrap();
         let operators: Vec<&str> = graph.node.iter().map(|node| node.op_type.as_str()).collect();
         assert_eq!(operators, ["Gemm", "Relu", "Gemm", "Tanh"]);

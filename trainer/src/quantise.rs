@@ -71,25 +71,21 @@ pub fn quantise(
         .iter()
         .map(|&code| f32::from(code) / f32::from(ONE))
         .collect();
-    let inputs = network.layers.first().map_or(1, |layer| layer.inputs);
-    let largest = network.largest_activations(floats.chunks_exact(inputs));
+    let largest = network.largest_activations(&floats);
     let mut scales = vec![1.0 / f64::from(ONE)];
     let mut layers = Vec::new();
-    for (index, (layer, &largest)) in network.layers.iter().zip(&largest).enumerate() {
-        if !layer
-            .weights
-            .iter()
-            .chain(&layer.biases)
-            .all(|parameter| parameter.is_finite())
-        {
+    let count = network.layers().len();
+    for (index, (layer, &largest)) in network.layers().zip(&largest).enumerate() {
+        let mut parameters = layer.weights.iter().chain(layer.biases);
+        if !parameters.all(|parameter| parameter.is_finite()) {
             return Err(QuantiseError::NotFinite { layer: index });
         }
         let input_scale = scales[index];
         let range = if index == 0 { [-128.0, 127.0] } else { [0.0, 255.0] };
         let rows: Vec<Option<f64>> = (0..layer.outputs)
-            .map(|row| row_scale(layer, row, input_scale, range))
+            .map(|row| row_scale(&layer, row, input_scale, range))
             .collect();
-        let output_scale = if index + 1 < network.layers.len() {
+        let output_scale = if index + 1 < count {
             if largest <= 0.0 {
                 return Err(QuantiseError::NeverActive { layer: index });
             }
@@ -102,7 +98,7 @@ pub fn quantise(
         // A row of zeros is its bias alone, in a quarter of its result's steps (chosen).
         let constant = output_scale / input_scale / 4.0;
         let rows: Vec<f64> = rows.into_iter().map(|scale| scale.unwrap_or(constant)).collect();
-        layers.push(quantise_layer(index, layer, &rows, input_scale, output_scale)?);
+        layers.push(quantise_layer(index, &layer, &rows, input_scale, output_scale)?);
         scales.push(output_scale);
     }
     Ok(QuantisedNetwork { layers, scales })
@@ -113,8 +109,8 @@ pub fn quantise(
 const COARSEST: f64 = 4.0;
 
 /// Real value of one weight step of a row whose activations have this range; none for a row of zeros.
-fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f64; 2]) -> Option<f64> {
-    let weights = || (0..layer.inputs).map(|input| f64::from(weight(layer, row, input)));
+fn row_scale(layer: &Layer<'_>, row: usize, input_scale: f64, [least, greatest]: [f64; 2]) -> Option<f64> {
+    let weights = || weights(layer, row).iter().map(|&weight| f64::from(weight));
     let largest = weights().fold(0.0, |largest: f64, weight| largest.max(weight.abs()));
     if largest == 0.0 {
         return None;
@@ -134,13 +130,13 @@ fn row_scale(layer: &Layer, row: usize, input_scale: f64, [least, greatest]: [f6
     Some(needed.clamp(finest, COARSEST * finest))
 }
 
-fn weight(layer: &Layer, row: usize, input: usize) -> f32 {
-    layer.weights[input * layer.outputs + row]
+fn weights<'a>(layer: &Layer<'a>, row: usize) -> &'a [f32] {
+    &layer.weights[row * layer.inputs..][..layer.inputs]
 }
 
 fn quantise_layer(
     index: usize,
-    layer: &Layer,
+    layer: &Layer<'_>,
     rows: &[f64],
     input_scale: f64,
     output_scale: f64,
@@ -173,9 +169,10 @@ fn quantise_layer(
         quantised
             .multipliers
             .push((ratio * 4_294_967_296.0).round() as i32);
-        quantised.weights.extend(
-            (0..layer.inputs).map(|input| (f64::from(weight(layer, row, input)) / scale).round() as i8),
-        );
+        let weights = weights(layer, row).iter();
+        quantised
+            .weights
+            .extend(weights.map(|&weight| (f64::from(weight) / scale).round() as i8));
     }
     Ok(quantised)
 }
@@ -185,21 +182,13 @@ mod tests {
     use super::*;
 
     fn single(weights: Vec<f32>, biases: Vec<f32>) -> Network {
-        let (inputs, outputs) = (weights.len() / biases.len(), biases.len());
-        Network {
-            layers: vec![Layer {
-                inputs,
-                outputs,
-                weights,
-                biases,
-            }],
-        }
+        let widths = [weights.len() / biases.len(), biases.len()];
+        Network::new(&widths, [weights, biases].concat())
     }
 
     #[test]
     fn rows_have_their_own_scales() {
-        // [inputs][outputs]: row 0 is (1, -0.5), row 1 is (0.01, 0.02).
-        let quantised = quantise(&single(vec![1.0, 0.01, -0.5, 0.02], vec![0.5, 0.0]), &[], None).unwrap();
+        let quantised = quantise(&single(vec![1.0, -0.5, 0.01, 0.02], vec![0.5, 0.0]), &[], None).unwrap();
         let layer = &quantised.layers[0];
         assert_eq!(layer.weights, [127, -64, 64, 127]);
         // 0.5 in steps of 1/127/64
@@ -217,8 +206,7 @@ mod tests {
         let message = |network: &Network| quantise(network, &[], None).unwrap_err().to_string();
         assert!(message(&single(vec![f32::NAN], vec![0.0])).starts_with("layer 0: found a parameter"));
         assert!(message(&single(vec![1e-9], vec![1e3])).starts_with("layer 0 row 0: found a bias"));
-        let mut deep = single(vec![1.0], vec![0.0]);
-        deep.layers.push(deep.layers[0].clone());
+        let deep = Network::new(&[1, 1, 1], vec![1.0, 0.0, 1.0, 0.0]);
         assert!(message(&deep).starts_with("layer 0: found no activation"));
         let coarse = quantise(&single(vec![1e3], vec![0.0]), &[], Some(1.0 / 256.0));
         let coarse = coarse.unwrap_err().to_string();

@@ -1,16 +1,13 @@
 //! The folder of a training run: the files in it, and which run it belongs to.
 
-use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::checkpoint::{METADATA, first_difference, metadata};
-use crate::laboratory::configuration::Configuration;
-use crate::network::{Layer, Network};
+use crate::actor_file;
+use crate::configuration::Configuration;
+use crate::laboratory::actors::Actors;
+use crate::laboratory::checkpoint::first_difference;
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
-use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -81,10 +78,9 @@ impl RunFolder {
         self.0.join("events.out.tfevents.0.freshlane")
     }
 
-    /// The float networks: safetensors with PyTorch's names and shapes. `layers.0.weight` is `[outputs, inputs]`; with one
-    /// network for each vehicle, `vehicles.0.layers.0.weight` and so on.
+    /// The float networks.
     pub fn actors(&self) -> PathBuf {
-        self.0.join("actor.safetensors")
+        self.0.join(actor_file::NAME)
     }
 
     /// The networks as a model, if all vehicles share one.
@@ -121,7 +117,7 @@ impl RunFolder {
     /// # Errors
     /// The file that cannot be written.
     pub fn write(&self, actors: &Actors, table: Option<&[u8]>, report: &Value) -> Result<()> {
-        write_whole(&self.actors(), &to_safetensors(actors)?)?;
+        write_whole(&self.actors(), &actor_file::to_bytes(actors)?)?;
         if let Some(table) = table {
             write_whole(&self.table(), table)?;
         }
@@ -218,9 +214,7 @@ impl RunFolder {
     /// # Errors
     /// The file and what is wrong with it.
     pub fn read_actors(&self) -> Result<Actors> {
-        let path = self.actors();
-        let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
-        from_safetensors(&path.display().to_string(), &bytes)
+        actor_file::read(&self.actors())
     }
 }
 
@@ -251,129 +245,11 @@ fn check_absent(files: &[PathBuf]) -> Result<()> {
     }
 }
 
-/// What the names of a vehicle's tensors begin with.
-fn prefix(vehicle: usize, shared: bool) -> String {
-    if shared {
-        String::new()
-    } else {
-        format!("vehicles.{vehicle}.")
-    }
-}
-
-/// Networks as safetensors with their form as metadata.
-///
-/// # Errors
-/// If the format cannot hold them.
-pub fn to_safetensors(actors: &Actors) -> Result<Vec<u8>> {
-    let mut tensors = Vec::new();
-    for (vehicle, network) in actors.networks.iter().enumerate() {
-        let prefix = prefix(vehicle, actors.shared());
-        for (index, layer) in network.layers.iter().enumerate() {
-            let bytes = |values: &mut dyn Iterator<Item = f32>| -> Vec<u8> {
-                values.flat_map(f32::to_le_bytes).collect()
-            };
-            let name = format!("{prefix}layers.{index}");
-            let shape = vec![layer.outputs, layer.inputs];
-            tensors.push((format!("{name}.weight"), shape, bytes(&mut layer.rows())));
-            let biases = bytes(&mut layer.biases.iter().copied());
-            tensors.push((format!("{name}.bias"), vec![layer.outputs], biases));
-        }
-    }
-    let failure = |error: safetensors::SafeTensorError| Error::input("safetensors", error, "a network");
-    let views = tensors
-        .iter()
-        .map(|(name, shape, bytes)| Ok((name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes)?)))
-        .collect::<std::result::Result<Vec<_>, _>>()
-        .map_err(failure)?;
-    let metadata = HashMap::from([(METADATA.to_owned(), serde_json::json!(actors.form).to_string())]);
-    serialize(views, Some(metadata)).map_err(failure)
-}
-
-fn from_safetensors(place: &str, bytes: &[u8]) -> Result<Actors> {
-    let form: ActorForm = metadata(place, bytes)?;
-    let tensors =
-        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
-    let shared = tensors.tensor("layers.0.weight").is_ok();
-    let mut networks = Vec::new();
-    while let Some(network) = read_network(place, &tensors, &prefix(networks.len(), shared))? {
-        networks.push(network);
-        if shared {
-            break;
-        }
-    }
-    let actors = Actors { form, networks };
-    actors.check().map_err(|error| error.within(place))?;
-    Ok(actors)
-}
-
-/// The network whose tensors' names begin so; `None` if there is no tensor of its first layer.
-fn read_network(place: &str, tensors: &SafeTensors<'_>, prefix: &str) -> Result<Option<Network>> {
-    let read = |name: &str| -> Option<(Vec<usize>, Vec<f32>)> {
-        let view = tensors
-            .tensor(name)
-            .ok()
-            .filter(|view| view.dtype() == Dtype::F32)?;
-        let (values, _) = view.data().as_chunks::<4>();
-        Some((
-            view.shape().to_vec(),
-            values.iter().map(|&value| f32::from_le_bytes(value)).collect(),
-        ))
-    };
-    let mut layers: Vec<Layer> = Vec::new();
-    while let Some((shape, rows)) = read(&format!("{prefix}layers.{}.weight", layers.len())) {
-        let name = format!("{prefix}layers.{}", layers.len());
-        let place = format!("{place}: {name}");
-        let [outputs, inputs] = shape[..] else {
-            return Err(Error::input(
-                place,
-                format!("shape {shape:?}"),
-                "[outputs, inputs]",
-            ));
-        };
-        let previous = layers.last().map_or(inputs, |layer| layer.outputs);
-        let bias = read(&format!("{name}.bias")).filter(|(shape, _)| shape[..] == [outputs]);
-        let (Some((_, biases)), true) = (bias, previous == inputs) else {
-            return Err(Error::input(
-                place,
-                format!("shape {shape:?}"),
-                format!("{previous} inputs and a bias"),
-            ));
-        };
-        let weights = (0..inputs)
-            .flat_map(|input| rows.iter().skip(input).step_by(inputs.max(1)).copied())
-            .collect();
-        layers.push(Layer {
-            inputs,
-            outputs,
-            weights,
-            biases,
-        });
-    }
-    Ok((!layers.is_empty()).then_some(Network { layers }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::laboratory::configuration::{Algorithm, Preset};
-    use crate::laboratory::forms::{ObservationForm, OutputForm};
-    use crate::laboratory::random;
+    use crate::configuration::{Algorithm, Preset};
     use crate::maddpg::options::Backend;
-
-    fn actors(count: u32) -> Actors {
-        let widths = [ObservationForm::Paper.length(), 3, 2];
-        Actors {
-            form: ActorForm {
-                observation: ObservationForm::Paper,
-                output: OutputForm::SubChannelAndPower { noise: 0.1 },
-                min_vehicles: 5,
-                max_vehicles: 5,
-            },
-            networks: (0..count)
-                .map(|member| Network::random(&widths, &mut random::initial(1, member)))
-                .collect(),
-        }
-    }
 
     /// What users write themselves tells runs apart; to runs of the own kernels it is nothing.
     #[test]
@@ -384,44 +260,6 @@ mod tests {
             options.backend = Backend::Burn;
         }
         assert!(RunIdentity::new(1, configuration).losses.is_some());
-    }
-
-    #[test]
-    fn networks_survive_a_file() {
-        for count in [1, 12] {
-            let bytes = to_safetensors(&actors(count)).unwrap();
-            assert_eq!(from_safetensors("file", &bytes).unwrap(), actors(count));
-        }
-    }
-
-    #[test]
-    fn foreign_files_are_refused() {
-        let message = |bytes: &[u8]| from_safetensors("file", bytes).unwrap_err().to_string();
-        assert!(message(b"no").starts_with("file: found "));
-        let whole = to_safetensors(&actors(1)).unwrap();
-        assert!(message(&whole[..whole.len() - 1]).starts_with("file: found "));
-        assert_eq!(
-            message(&to_safetensors(&actors(0)).unwrap()),
-            "file: actors: found no network, expected at least one"
-        );
-        let mut narrow = actors(1);
-        narrow.networks[0].layers.pop();
-        assert_eq!(
-            message(&to_safetensors(&narrow).unwrap()),
-            "file: actors: found widths [7, 3], expected 7 inputs and 2 outputs"
-        );
-        let mut diverged = actors(2);
-        diverged.networks[1].layers[0].biases[2] = f32::NAN;
-        assert_eq!(
-            message(&to_safetensors(&diverged).unwrap()),
-            "file: actor of vehicle 1: layers.0: found NaN, expected finite numbers"
-        );
-        let mut odd = actors(2);
-        odd.networks[1] = Network::random(&[7, 4, 2], &mut random::initial(1, 0));
-        assert_eq!(
-            message(&to_safetensors(&odd).unwrap()),
-            "file: actor of vehicle 1: found widths [7, 4, 2], expected [7, 3, 2] as of vehicle 0"
-        );
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! Runs live in folders of their own and go on where they were interrupted; a finished one is not done again.
 
 use crate::command::train::{Conduct, train};
+use crate::configuration::{Configuration, ConfigurationSource, Preset};
 use crate::evaluate::{exploring, float, quantised};
-use crate::laboratory::configuration::{Configuration, ConfigurationSource, Preset};
 use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
 use firmware::table::Table;

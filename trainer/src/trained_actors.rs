@@ -1,6 +1,6 @@
 //! A run's actors and tables, as they are evaluated and exported: what the run left, or made anew.
 
-use crate::actor_table::{actor_tables, setting};
+use crate::actor_table::actor_tables;
 use crate::evaluate::Setting;
 use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
@@ -33,7 +33,7 @@ impl TrainedActors {
             // Each vehicle's own table, or one of a run that is still going on, is made when it is asked for.
             Some(identity) if !folder.table().exists() => {
                 let tables = actor_tables(identity, &actors, 0..actors.networks.len());
-                (setting(&identity.configuration.scenario), tables)
+                (Setting::of_scenario(&identity.configuration.scenario), tables)
             }
             _ => {
                 let bytes = own_table(folder, &actors, identity.as_ref())?;
@@ -88,19 +88,19 @@ fn check_belongs(
     identity: Option<&RunIdentity>,
     table: &Table<'_>,
 ) -> Result<()> {
-    let description = |widths: Vec<usize>, observation, outputs, seed, vehicles| {
+    let description = |widths: &[usize], observation, outputs, seed, vehicles| {
         format!("widths {widths:?}, {observation:?}, {outputs:?}, seed {seed}, {vehicles} vehicles at most")
     };
     let (form, seed) = (actors.form, table.provenance().seed);
     let expected = description(
         actors.networks[0].widths(),
-        form.observation.in_table(),
-        form.output.in_table(),
+        form.observation,
+        form.output,
         identity.map_or(seed, |identity| identity.seed),
         form.max_vehicles,
     );
     let found = description(
-        table.network().widths().collect(),
+        &table.network().widths().collect::<Vec<_>>(),
         table.observation_form(),
         table.output_form(),
         seed,

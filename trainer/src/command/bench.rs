@@ -1,8 +1,8 @@
 //! `trainer bench`: how fast the paper's algorithm learns at the paper's sizes.
 
-use crate::laboratory::configuration::{Algorithm, ConfigurationSource, Preset};
+use crate::configuration::{Algorithm, ConfigurationSource, Preset};
 use crate::laboratory::learner::Learner as _;
-use crate::maddpg::learner::MaddpgLearner;
+use crate::maddpg::in_cell::MaddpgInCell;
 use crate::maddpg::options::Backend;
 use host_sim::command::options::{choice, thread_pool};
 use kit::choice::Choice as _;
@@ -53,20 +53,20 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         return Err(Error::input("preset", configuration.algorithm.name(), "maddpg"));
     };
     let vehicles = configuration.scenario.cell.vehicles;
-    let mut learner = MaddpgLearner::new(&configuration.scenario, options, arguments.seed);
+    let mut learner = MaddpgInCell::new(&configuration.scenario, options, arguments.seed);
     let (total, times, updates) = pool.install(|| {
         let _untimed = learner.advance();
-        let (before, first) = (learner.times(), learner.updates());
+        let (before, first) = (learner.learner.times(), learner.learner.updates());
         let start = Instant::now();
         for _ in 0..arguments.episodes {
             let _metrics = learner.advance();
         }
-        let spent = learner.times();
+        let spent = learner.learner.times();
         let times = [
             spent.learning - before.learning,
             spent.environment - before.environment,
         ];
-        (start.elapsed(), times, learner.updates() - first)
+        (start.elapsed(), times, learner.learner.updates() - first)
     });
     let [learning, environment] = times.map(|time: Duration| time.as_secs_f64());
     let updates_per_second = updates as f64 / learning;

@@ -1,25 +1,21 @@
 //! `trainer distil`: from a seed to a table.
 
-use crate::distil::{Recipe, distil};
+use crate::distil::Recipe;
+use crate::distil::table::{DistilledTable, distil_table};
 use crate::evaluate::compare;
-use crate::export::{Header, table_bytes};
-use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::forms::{ObservationForm, OutputForm};
-use crate::quantise::quantise;
+use crate::provenance::provenance;
 use crate::run_folder::RunFolder;
 use firmware::network::MAX_LAYERS;
-use firmware::table::{Provenance, Table};
+use firmware::table::Provenance;
 use host_sim::command::options::{ScenarioArguments, parse_table, progress_bar, thread_pool};
 use host_sim::mobility::Grid;
-use host_sim::policy::power_plan;
-use host_sim::revision::source_revision;
-use host_sim::scenario::{Scenario, ScenarioSource};
+use host_sim::scenario::Scenario;
 use host_sim::simulation::{Extent, Simulation};
 use kit::error::{Error, Result};
 use kit::files::check_folder;
 use kit::say;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Options of `distil`.
@@ -52,45 +48,11 @@ fn parse_width(text: &str) -> std::result::Result<usize, String> {
     width.ok_or_else(|| format!("expected a width from 1 to {most}"))
 }
 
-/// A table and the network behind it.
-pub struct DistilledTable {
-    /// The float network.
-    pub actors: Actors,
-    /// Mean cross entropy of the last round.
-    pub loss: f32,
-    /// The table's bytes.
-    pub bytes: Vec<u8>,
-}
-
-/// The top folder of the sources.
-pub fn workspace_folder() -> PathBuf {
-    let trainer = Path::new(env!("CARGO_MANIFEST_DIR"));
-    trainer.parent().unwrap_or(trainer).to_owned()
-}
-
-/// The scenario that the shipped table is distilled in: the paper's.
-///
-/// # Errors
-/// Never for the built-in preset.
-pub fn shipped_scenario() -> Result<Scenario> {
-    ScenarioSource::default().read()
-}
-
-/// Where a run with this seed on the present sources comes from.
-pub fn provenance(seed: u64) -> Provenance {
-    let (revision, modified) = source_revision(&workspace_folder());
-    Provenance {
-        seed,
-        revision,
-        modified,
-    }
-}
-
-/// Distils and quantises.
+/// Distils and quantises, and shows how far it is.
 ///
 /// # Errors
 /// If the network cannot be quantised.
-pub fn distil_table(
+pub fn distil_table_visibly(
     scenario: &Scenario,
     recipe: &Recipe,
     provenance: Provenance,
@@ -98,7 +60,7 @@ pub fn distil_table(
 ) -> Result<DistilledTable> {
     let template = "distilling {bar:40} round {pos}/{len}, {eta} left, {msg}";
     let progress = progress_bar(u64::from(recipe.iterations), template, hide_progress);
-    let distilled = distil(scenario, recipe, |round| {
+    let made = distil_table(scenario, recipe, provenance, |round| {
         progress.set_position(u64::from(round.number));
         progress.set_message(format!(
             "cross entropy {:.4} over {} samples",
@@ -106,34 +68,7 @@ pub fn distil_table(
         ));
     });
     progress.finish_and_clear();
-    let quantised = quantise(&distilled.network, distilled.inputs.as_flattened(), None)
-        .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
-    let header = Header {
-        observation_form: ObservationForm::Firmware.in_table(),
-        output_form: OutputForm::Actions.in_table(),
-        max_vehicles: recipe.max_vehicles as u16,
-        required_sinr: scenario.radio.required_level(),
-        power_plan: power_plan(scenario),
-        provenance,
-    };
-    let bytes = table_bytes(&quantised, &header)
-        .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
-    // The firmware's own reader has the last word on what a table is.
-    let _: Table<'_> = parse_table(None, &bytes)?;
-    let form = ActorForm {
-        observation: ObservationForm::Firmware,
-        output: OutputForm::Actions,
-        min_vehicles: recipe.min_vehicles,
-        max_vehicles: recipe.max_vehicles,
-    };
-    Ok(DistilledTable {
-        actors: Actors {
-            form,
-            networks: vec![distilled.network],
-        },
-        loss: distilled.loss,
-        bytes,
-    })
+    made
 }
 
 /// Runs and reports.
@@ -166,7 +101,8 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     });
     folder.check_free_for(&task)?;
     let start = Instant::now();
-    let made = pool.install(|| distil_table(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
+    let made =
+        pool.install(|| distil_table_visibly(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
     let seconds = start.elapsed().as_secs_f64();
     let table = parse_table(None, &made.bytes)?;
     let extent = Extent {

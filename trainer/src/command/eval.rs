@@ -1,6 +1,5 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
-use crate::actor_table::setting;
 use crate::evaluate::{Setting, exploring, float, quantised};
 use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
@@ -98,7 +97,7 @@ fn in_scenario_of(identity: &RunIdentity, mut options: RunOptions) -> Result<Run
 /// they were made for.
 fn check_radio(prepared: &PreparedRun, known: Setting) -> Result<()> {
     let radio = &prepared.scenario.radio;
-    let asked = setting(&prepared.scenario);
+    let asked = Setting::of_scenario(&prepared.scenario);
     if asked.power_plan.max_power != known.power_plan.max_power {
         let expected = format!("{} dBm as in training", known.power_plan.max_power.value());
         return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));

@@ -1,6 +1,6 @@
 //! `trainer explain`: what the keys of a configuration mean.
 
-use crate::laboratory::configuration::{Layout, Preset};
+use crate::configuration::{Layout, Preset};
 use host_sim::command::explain;
 pub use host_sim::command::explain::ExplainArguments;
 use kit::choice::Choice as _;

@@ -1,10 +1,12 @@
 //! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
 //! seed gives.
 
-use crate::command::distil::{distil_table, provenance, shipped_scenario, workspace_folder};
+use crate::command::distil::distil_table_visibly;
 use crate::distil::Recipe;
+use crate::distil::table::shipped_scenario;
 use crate::export::table_source;
 use crate::onnx;
+use crate::provenance::{provenance, workspace_folder};
 use crate::run_folder::RunFolder;
 use crate::trained_actors::table_of;
 use firmware::table::Table;
@@ -86,7 +88,7 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
                 ..Recipe::default()
             };
             pool.install(|| {
-                distil_table(
+                distil_table_visibly(
                     &shipped_scenario()?,
                     &recipe,
                     provenance(recipe.seed),
@@ -144,7 +146,7 @@ fn check(json: bool) -> Result<()> {
         seed: stated.seed,
         ..Recipe::default()
     };
-    let made = distil_table(&shipped_scenario()?, &recipe, stated, json)?;
+    let made = distil_table_visibly(&shipped_scenario()?, &recipe, stated, json)?;
     let different = made
         .bytes
         .iter()

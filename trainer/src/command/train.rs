@@ -1,12 +1,13 @@
 //! `trainer train`: runs a learning algorithm, saves it as it goes, and goes on with it after an interruption.
 
+use crate::actor_file;
 use crate::actor_table::{actor_tables, check_widths};
+use crate::configuration::{ConfigurationSource, Preset};
 use crate::laboratory::checkpoint;
-use crate::laboratory::configuration::{ConfigurationSource, Preset};
 use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::metrics_log::MetricsLog;
 use crate::onnx;
-use crate::run_folder::{RunFolder, RunIdentity, to_safetensors};
+use crate::run_folder::{RunFolder, RunIdentity};
 use host_sim::command::options::{choice, progress_bar, thread_pool};
 use indicatif::ProgressBar;
 use kit::error::{Error, Result};
@@ -156,7 +157,7 @@ fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut Metric
         .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
     let bytes = checkpoint::to_bytes(run, &state)?;
     write_whole(&folder.checkpoint(), &bytes)?;
-    write_whole(&folder.actors(), &to_safetensors(&learner.actors())?)
+    write_whole(&folder.actors(), &actor_file::to_bytes(&learner.actors())?)
 }
 
 /// Writes what a finished run leaves behind.

@@ -4,12 +4,13 @@ use super::state::{State, Tensor, Values};
 use kit::error::{Error, Result};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use safetensors::{SafeTensorError, SafeTensors};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// The one key of a file's metadata. One, because safetensors writes several in no fixed order.
-pub(crate) const METADATA: &str = "freshlane";
+const METADATA: &str = "freshlane";
 
 /// What a checkpoint says besides tensors.
 #[derive(Serialize, Deserialize)]
@@ -22,14 +23,14 @@ struct Header {
     checksum: u64,
 }
 
-/// Of counters and tensors; `tensors` come in the order of their names.
-fn checksum<'a>(counters: &Value, tensors: impl Iterator<Item = (&'a str, &'a [u8])>) -> u64 {
+/// Of counters and tensors, in the order of their names.
+fn checksum(counters: &Value, tensors: &BTreeMap<String, Tensor>) -> u64 {
     let crc = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = crc.digest();
     digest.update(counters.to_string().as_bytes());
-    for (name, bytes) in tensors {
+    for (name, tensor) in tensors {
         digest.update(name.as_bytes());
-        digest.update(bytes);
+        digest.update(&little_endian(&tensor.values));
     }
     digest.finalize()
 }
@@ -39,35 +40,12 @@ fn checksum<'a>(counters: &Value, tensors: impl Iterator<Item = (&'a str, &'a [u
 /// # Errors
 /// If the format cannot hold the state.
 pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
-    let bytes: Vec<(&String, &Tensor, Dtype, Vec<u8>)> = state
-        .tensors
-        .iter()
-        .map(|(name, tensor)| {
-            let (dtype, bytes) = little_endian(&tensor.values);
-            (name, tensor, dtype, bytes)
-        })
-        .collect();
-    let views = bytes
-        .iter()
-        .map(|(name, tensor, dtype, bytes)| {
-            Ok((
-                name.as_str(),
-                TensorView::new(*dtype, tensor.shape.clone(), bytes)?,
-            ))
-        })
-        .collect::<std::result::Result<Vec<_>, SafeTensorError>>();
-    let tensors = bytes
-        .iter()
-        .map(|(name, _, _, bytes)| (name.as_str(), bytes.as_slice()));
     let header = Header {
         run: run.clone(),
         counters: state.counters.clone(),
-        checksum: checksum(&state.counters, tensors),
+        checksum: checksum(&state.counters, &state.tensors),
     };
-    let metadata = HashMap::from([(METADATA.to_owned(), serde_json::json!(header).to_string())]);
-    views
-        .and_then(|views| serialize(views, Some(metadata)))
-        .map_err(|error| Error::input("checkpoint", error, "a state that safetensors can hold"))
+    to_safetensors(&state.tensors, &serde_json::json!(header))
 }
 
 /// Reads a checkpoint of this run.
@@ -75,18 +53,11 @@ pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
 /// # Errors
 /// If the file is no whole checkpoint, or that of another run.
 pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
-    let header: Header = metadata(place, bytes)?;
+    let (header, tensors): (Header, _) = from_safetensors(place, bytes)?;
     if let Some((key, found, expected)) = first_difference(&header.run, run) {
         return Err(Error::input(format!("{place}: key {key}"), found, expected));
     }
-    let file =
-        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
-    let mut tensors = file.tensors();
-    tensors.sort_unstable_by(|one, other| one.0.cmp(&other.0));
-    let found = checksum(
-        &header.counters,
-        tensors.iter().map(|(name, view)| (name.as_str(), view.data())),
-    );
+    let found = checksum(&header.counters, &tensors);
     if found != header.checksum {
         let expected = format!("{:016x}, as it was written", header.checksum);
         return Err(Error::input(
@@ -95,41 +66,68 @@ pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
             expected,
         ));
     }
-    let mut state = State::new(header.counters);
-    for (name, view) in tensors {
+    let counters = header.counters;
+    Ok(State { tensors, counters })
+}
+
+/// Tensors and metadata as the bytes of a safetensors file.
+///
+/// # Errors
+/// If the format cannot hold them.
+pub(crate) fn to_safetensors(tensors: &BTreeMap<String, Tensor>, header: &Value) -> Result<Vec<u8>> {
+    let bytes: Vec<Vec<u8>> = tensors
+        .values()
+        .map(|tensor| little_endian(&tensor.values))
+        .collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, tensor), bytes)| {
+        let dtype = match tensor.values {
+            Values::F32(_) => Dtype::F32,
+            Values::U8(_) => Dtype::U8,
+        };
+        Ok((name, TensorView::new(dtype, tensor.shape.clone(), bytes)?))
+    });
+    let metadata = HashMap::from([(METADATA.to_owned(), header.to_string())]);
+    views
+        .collect::<std::result::Result<Vec<_>, SafeTensorError>>()
+        .and_then(|views| serialize(views, Some(metadata)))
+        .map_err(|error| Error::input("safetensors", error, "tensors that a file can hold"))
+}
+
+/// Metadata and tensors of a safetensors file of this product.
+///
+/// # Errors
+/// If the file is not whole, or of another product or purpose.
+pub(crate) fn from_safetensors<T: DeserializeOwned>(
+    place: &str,
+    bytes: &[u8],
+) -> Result<(T, BTreeMap<String, Tensor>)> {
+    let header = metadata(place, bytes)?;
+    let file =
+        SafeTensors::deserialize(bytes).map_err(|error| Error::input(place, error, "whole safetensors"))?;
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.tensors() {
         let values = match view.dtype() {
-            Dtype::F32 => Values::F32(
-                view.data()
-                    .as_chunks()
-                    .0
-                    .iter()
-                    .map(|&value| f32::from_le_bytes(value))
-                    .collect(),
-            ),
-            Dtype::I64 => Values::I64(
-                view.data()
-                    .as_chunks()
-                    .0
-                    .iter()
-                    .map(|&value| i64::from_le_bytes(value))
-                    .collect(),
-            ),
+            Dtype::F32 => {
+                let (values, _) = view.data().as_chunks();
+                Values::F32(values.iter().map(|&value| f32::from_le_bytes(value)).collect())
+            }
             Dtype::U8 => Values::U8(view.data().to_vec()),
             other => {
                 let found = format!("{other:?}");
-                return Err(Error::input(format!("{place}: {name}"), found, "F32, I64 or U8"));
+                return Err(Error::input(format!("{place}: {name}"), found, "F32 or U8"));
             }
         };
-        state.put(name, view.shape(), values);
+        let shape = view.shape().to_vec();
+        let _none = tensors.insert(name, Tensor { shape, values });
     }
-    Ok(state)
+    Ok((header, tensors))
 }
 
 /// Reads this product's part of a file's metadata.
 ///
 /// # Errors
 /// If the file is not safetensors, or of another product or purpose.
-pub(crate) fn metadata<T: serde::de::DeserializeOwned>(place: &str, bytes: &[u8]) -> Result<T> {
+fn metadata<T: DeserializeOwned>(place: &str, bytes: &[u8]) -> Result<T> {
     let (_, metadata) =
         SafeTensors::read_metadata(bytes).map_err(|error| Error::input(place, error, "safetensors"))?;
     let text = metadata.metadata().as_ref().and_then(|all| all.get(METADATA));
@@ -143,17 +141,10 @@ pub(crate) fn metadata<T: serde::de::DeserializeOwned>(place: &str, bytes: &[u8]
     serde_json::from_str(text).map_err(|error| Error::input(place, error, "the metadata of such a file"))
 }
 
-fn little_endian(values: &Values) -> (Dtype, Vec<u8>) {
+fn little_endian(values: &Values) -> Vec<u8> {
     match values {
-        Values::F32(values) => (
-            Dtype::F32,
-            values.iter().flat_map(|value| value.to_le_bytes()).collect(),
-        ),
-        Values::I64(values) => (
-            Dtype::I64,
-            values.iter().flat_map(|value| value.to_le_bytes()).collect(),
-        ),
-        Values::U8(values) => (Dtype::U8, values.clone()),
+        Values::F32(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Values::U8(values) => values.clone(),
     }
 }
 
@@ -195,7 +186,6 @@ mod tests {
         let mut state = State::new(json!({ "done": 7 }));
         state.put("weights", &[2, 2], vec![1.0_f32, -0.0, f32::MIN_POSITIVE, 3.5]);
         state.put("actions", &[3], vec![0_u8, 1, 255]);
-        state.put("indices", &[1], vec![i64::MIN]);
         state
     }
 

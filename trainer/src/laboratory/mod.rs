@@ -2,14 +2,11 @@
 //!
 //! An algorithm is a [`Learner`](learner::Learner): it runs episode after episode, can be saved and restored between any two
 //! of them, and gives [`Actors`](actors::Actors), which evaluation, export, ONNX and safetensors understand. What it is
-//! told is a [`Configuration`](configuration::Configuration); its random numbers come from [`random`], whose worlds no
+//! told is a [`Configuration`](crate::configuration::Configuration); its random numbers come from [`random`], whose worlds no
 //! evaluation ever meets.
 
 pub mod actors;
 pub mod checkpoint;
-pub mod configuration;
-pub mod forms;
-pub mod game;
 pub mod learner;
 pub mod metrics_log;
 pub mod random;

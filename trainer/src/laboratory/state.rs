@@ -11,8 +11,6 @@ pub enum Values {
     F32(Vec<f32>),
     /// Actions, flags.
     U8(Vec<u8>),
-    /// Indices.
-    I64(Vec<i64>),
 }
 
 /// A shape and its values.
@@ -40,7 +38,6 @@ impl Values {
         match self {
             Self::F32(values) => values.len(),
             Self::U8(values) => values.len(),
-            Self::I64(values) => values.len(),
         }
     }
 
@@ -53,7 +50,6 @@ impl Values {
         match self {
             Self::F32(_) => "f32",
             Self::U8(_) => "u8",
-            Self::I64(_) => "i64",
         }
     }
 }
@@ -67,12 +63,6 @@ impl From<Vec<f32>> for Values {
 impl From<Vec<u8>> for Values {
     fn from(values: Vec<u8>) -> Self {
         Self::U8(values)
-    }
-}
-
-impl From<Vec<i64>> for Values {
-    fn from(values: Vec<i64>) -> Self {
-        Self::I64(values)
     }
 }
 
@@ -122,17 +112,6 @@ impl State {
     pub fn take_u8(&mut self, name: &str, shape: &[usize]) -> Result<Vec<u8>> {
         self.take(name, shape, "u8", |values| match values {
             Values::U8(values) => Some(values),
-            _ => None,
-        })
-    }
-
-    /// Takes a tensor of i64 out.
-    ///
-    /// # Errors
-    /// If it is missing or has another type or shape.
-    pub fn take_i64(&mut self, name: &str, shape: &[usize]) -> Result<Vec<i64>> {
-        self.take(name, shape, "i64", |values| match values {
-            Values::I64(values) => Some(values),
             _ => None,
         })
     }

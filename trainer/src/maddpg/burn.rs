@@ -4,10 +4,10 @@
 //! knows the paper's form alone (see [`super::options::Maddpg::check`]). Adam, targets and checkpoints are those of [`Learned`].
 
 use super::learner::MaddpgLearner;
-use super::optimiser::{Learned, Step, clip};
 use super::options::{GlobalWeight, Maddpg};
-use super::perceptron::Perceptron;
 use super::replay::{Batch, Extent};
+use crate::network::optimiser::{Learned, Step, clip};
+use crate::network::perceptron::Perceptron;
 use burn_tensor::activation::relu;
 use burn_tensor::{DType, Device, Gradients, Tensor, TensorData};
 use host_sim::stream::Stream;

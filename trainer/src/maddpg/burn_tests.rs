@@ -6,13 +6,13 @@
 
 use super::burn::{Layers, Printed, slopes, tensor};
 use super::learner::MaddpgLearner;
-use super::optimiser::Learned;
 use super::options::{Backend, Maddpg};
-use super::perceptron::Perceptron;
 use super::replay::Batch;
-use crate::laboratory::configuration::Preset;
+use crate::configuration::Preset;
 use crate::laboratory::learner::Learner as _;
 use crate::laboratory::random;
+use crate::network::optimiser::Learned;
+use crate::network::perceptron::Perceptron;
 use burn_tensor::{DType, Tensor};
 
 const SAMPLES: usize = 16;

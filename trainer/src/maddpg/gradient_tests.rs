@@ -1,14 +1,15 @@
 //! Every gradient against finite differences.
 
-use super::actions::ActionSet;
-use super::choice::{entropy, expectation_slopes, softmax};
-use super::critic::{Critic, CriticPass, View};
+use super::critic::{Critic, CriticPass};
 use super::flat_critic::FlatCritic;
-use super::group::{Group, Role, Rows};
+use super::group::{Group, Role};
 use super::options::Loss;
-use super::perceptron::{Pass, Perceptron};
 use super::set_critic::SetCritic;
+use super::view::View;
+use crate::game::actions::ActionSpace;
 use crate::laboratory::random::initial;
+use crate::network::categorical::{entropy, entropy_slope, expectation_slopes, probabilities};
+use crate::network::perceptron::{Pass, Perceptron, Rows};
 use host_sim::stream::Stream;
 
 /// Half the distance of the two points of a difference. The functions are f32 inside, so a smaller one drowns in rounding.
@@ -130,21 +131,23 @@ impl Sample {
     }
 }
 
-fn critics() -> Vec<(&'static str, ActionSet, Critic)> {
-    let flat = |set: ActionSet| Critic::Flat(FlatCritic::new(VEHICLES, OBSERVED, set.length(), &[17, 9]));
-    let sum = |set: ActionSet| Critic::Set(SetCritic::new(set, KNOWN, 11, 6, &[10, 7]));
+fn critics() -> Vec<(&'static str, ActionSpace, Box<dyn Critic>)> {
+    let flat = |set: ActionSpace| -> Box<dyn Critic> {
+        Box::new(FlatCritic::new(VEHICLES, OBSERVED, set.length(), &[17, 9]))
+    };
+    let sum = |set: ActionSpace| -> Box<dyn Critic> { Box::new(SetCritic::new(set, KNOWN, 11, 6, &[10, 7])) };
     vec![
         (
             "flat, continuous",
-            ActionSet::Continuous,
-            flat(ActionSet::Continuous),
+            ActionSpace::Continuous,
+            flat(ActionSpace::Continuous),
         ),
-        ("flat, choice", ActionSet::FIRMWARE, flat(ActionSet::FIRMWARE)),
-        ("set, home", ActionSet::FIRMWARE, sum(ActionSet::FIRMWARE)),
+        ("flat, choice", ActionSpace::Home(6), flat(ActionSpace::Home(6))),
+        ("set, home", ActionSpace::Home(6), sum(ActionSpace::Home(6))),
         (
             "set, sub-channels",
-            ActionSet::SubChannels,
-            sum(ActionSet::SubChannels),
+            ActionSpace::SubChannels,
+            sum(ActionSpace::SubChannels),
         ),
     ]
 }
@@ -169,7 +172,7 @@ fn global_critics_and_their_losses() {
             let mut pass = CriticPass::default();
             let (_, slopes) = value(&parameters, &mut pass);
             let mut gradient = vec![0.0; parameters.len()];
-            critic.gradient(&parameters, &view, &slopes, &mut pass, &mut gradient);
+            critic.backward(&parameters, &view, &slopes, &mut pass, Some(&mut gradient));
             check(&format!("{name}, {loss:?}"), &parameters, &gradient, |at| {
                 value(at, &mut CriticPass::default()).0
             });
@@ -215,13 +218,7 @@ fn alternatives_are_values_of_changed_actions() {
             let values = &values[sample * critic.heads()..][..critic.heads()];
             values.iter().sum::<f32>() / values.len() as f32
         };
-        let found = critic.alternatives(
-            &parameters,
-            &view,
-            &vectors(&chosen),
-            set,
-            &mut CriticPass::default(),
-        );
+        let found = critic.alternatives(&parameters, &view, &vectors(&chosen), &mut CriticPass::default());
         for row in (0..rows).filter(|row| view.takes_part(row / VEHICLES, row % VEHICLES)) {
             for action in 1..length {
                 let with = |action: usize| {
@@ -278,15 +275,15 @@ fn expectations_and_entropy_along_scores() {
     let mut stream = initial(9, 0);
     for _ in 0..10 {
         let (scores, gains) = (numbers(&mut stream, 6), numbers(&mut stream, 6));
-        let probabilities = softmax(&scores);
-        check(
-            "expectation",
-            &scores,
-            &expectation_slopes(&probabilities, &gains),
-            |at| weighted(&softmax(at), &gains),
-        );
-        check("entropy", &scores, &entropy(&probabilities).1, |at| {
-            f64::from(entropy(&softmax(at)).0)
+        let softmax = probabilities(&scores);
+        let slopes = expectation_slopes(&softmax, &gains);
+        check("expectation", &scores, &slopes, |at| {
+            weighted(&probabilities(at), &gains)
+        });
+        let spread = entropy(&softmax);
+        let slopes: Vec<f32> = softmax.iter().map(|&p| entropy_slope(p, spread)).collect();
+        check("entropy", &scores, &slopes, |at| {
+            f64::from(entropy(&probabilities(at)))
         });
     }
 }

@@ -1,8 +1,8 @@
 //! One network for all vehicles, or one for each: the same calls serve both.
 
-use super::optimiser::{Learned, Step};
-use super::perceptron::{Pass, Perceptron};
-use super::pool::Pool;
+use crate::network::optimiser::{Learned, Step};
+use crate::network::perceptron::{Pass, Perceptron, Rows, lines};
+use crate::network::pool::Pool;
 use host_sim::stream::Stream;
 use rayon::prelude::*;
 
@@ -29,28 +29,6 @@ pub enum Role {
     Learner,
     /// Those that follow.
     Target,
-}
-
-/// An array over samples and vehicles, `[sample][vehicle][width]`.
-#[derive(Clone, Copy, Debug)]
-pub struct Rows<'a> {
-    /// The values.
-    pub values: &'a [f32],
-    /// Distance from one vehicle to the next.
-    pub stride: usize,
-    /// How many of a vehicle's values count.
-    pub width: usize,
-}
-
-impl<'a> Rows<'a> {
-    /// All values of rows of this width.
-    pub fn all(values: &'a [f32], width: usize) -> Self {
-        Self {
-            values,
-            stride: width,
-            width,
-        }
-    }
 }
 
 impl Group {
@@ -206,27 +184,17 @@ fn run(
     copy: usize,
     copies: usize,
 ) -> Vec<f32> {
-    let columns = rows
-        .first()
-        .map_or(0, |rows| rows.values.len() / rows.stride / copies);
+    let columns = rows.first().map_or(0, |rows| rows.len() / copies);
     pass.fill(network, columns, |column, line| {
         let row = column * copies + copy;
         let mut first = 0;
         for rows in rows {
-            let values = &rows.values[row * rows.stride..][..rows.width];
-            line[first..first + rows.width].copy_from_slice(values);
+            line[first..first + rows.width].copy_from_slice(rows.row(row));
             first += rows.width;
         }
     });
     network.forward(parameters, pass);
-    lines(pass.output(), columns)
-}
-
-/// `[unit][column]` as `[column][unit]`.
-fn lines(values: &[f32], columns: usize) -> Vec<f32> {
-    (0..columns)
-        .flat_map(|column| values.iter().skip(column).step_by(columns).copied())
-        .collect()
+    pass.output_lines()
 }
 
 /// What each network makes, `[column][value]`, as `[sample][vehicle][value]`.
@@ -252,12 +220,5 @@ fn side_by_side(networks: &[Vec<f32>], width: usize) -> Vec<f32> {
 }
 
 fn set_slopes(pass: &mut Pass, slopes: &[f32], width: usize, copy: usize, copies: usize) {
-    let output = pass.output_slopes();
-    let columns = output.len() / width;
-    let lines = slopes.chunks_exact(width).skip(copy).step_by(copies);
-    for (column, line) in lines.enumerate() {
-        for (index, &slope) in line.iter().enumerate() {
-            output[index * columns + column] = slope;
-        }
-    }
+    pass.set_output_slopes(slopes.chunks_exact(width).skip(copy).step_by(copies));
 }

@@ -4,25 +4,24 @@
 //! Here are its parts, and an episode: played with the actors' exploring form, stored, and learned from in
 //! the module `update`.
 
-use super::actions::ActionSet;
-use super::arena::{Arena, CellArena, Tally, Worlds};
-use super::choice::sample;
 use super::critic::{Critic, CriticPass};
 use super::flat_critic::FlatCritic;
-use super::group::{Group, Role, Rows};
-use super::optimiser::Learned;
+use super::group::{Group, Role};
 use super::options::{CriticForm, Maddpg, Updates};
-use super::perceptron::Perceptron;
-use super::pool::Pool;
 use super::replay::{Batch, Extent, Replay};
 use super::set_critic::SetCritic;
-#[cfg(test)]
-use crate::laboratory::configuration::{Algorithm, Configuration, Preset};
+use crate::game::actions::ActionSpace;
+use crate::game::{Game, Shape, Tally};
+use crate::laboratory::learner::Metrics;
 use crate::laboratory::random;
-use host_sim::scenario::Scenario;
+use crate::laboratory::state::State;
+use crate::network::Network;
+use crate::network::optimiser::{Learned, Powers};
+use crate::network::perceptron::{Perceptron, Rows};
+use crate::network::pool::Pool;
 use host_sim::stream::Stream;
+use kit::error::Result;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// The member of the episode's stream that explores, draws batches and smooths targets.
@@ -32,11 +31,10 @@ pub(super) const LEARNING: u32 = 0;
 pub struct MaddpgLearner {
     pub(super) options: Maddpg,
     pub(super) seed: u64,
-    pub(super) arena: Arc<dyn Arena>,
-    pub(super) set: ActionSet,
+    pub(super) space: ActionSpace,
     pub(super) actors: Group,
     pub(super) local_critics: Option<Group>,
-    pub(super) critic: Critic,
+    pub(super) critic: Box<dyn Critic>,
     pub(super) twins: [Learned; 2],
     pub(super) passes: [CriticPass; 2],
     pub(super) gradients: Pool<Vec<f32>>,
@@ -74,47 +72,49 @@ pub(super) struct Losses {
     pub delayed_count: u32,
 }
 
-impl MaddpgLearner {
-    /// For the simulator's cell.
-    pub fn new(scenario: &Scenario, options: &Maddpg, seed: u64) -> Self {
-        let arena = CellArena {
-            scenario: scenario.clone(),
-            options: options.clone(),
-            seed,
-        };
-        Self::in_arena(Arc::new(arena), options, seed)
-    }
+/// What a checkpoint keeps besides tensors.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    counters: Counters,
+    replay: (u64, usize),
+    actors: Vec<Powers>,
+    local_critics: Vec<Powers>,
+    twins: [Powers; 2],
+}
 
-    /// For any arena.
-    pub fn in_arena(arena: Arc<dyn Arena>, options: &Maddpg, seed: u64) -> Self {
+impl MaddpgLearner {
+    /// Before the first episode of a game of this shape.
+    pub fn new(shape: Shape, options: &Maddpg, seed: u64) -> Self {
         let mut stream = random::initial(seed, 0);
-        let set = arena.actions();
-        let (vehicles, observed, known) = (arena.vehicles(), arena.observed(), arena.known());
-        let network = Perceptron::new(observed, &options.actor_hidden, set.length());
+        let Shape {
+            worlds,
+            agents: vehicles,
+            known,
+            observed,
+            actions: space,
+        } = shape;
+        let network = Perceptron::new(observed, &options.actor_hidden, space.length());
         let mut actors = Group::new(network, options.shared, vehicles, &mut stream);
-        begin_actors(&mut actors, options, set);
+        begin_actors(&mut actors, options, space);
         let local_critics = options.local_critics.then(|| {
             let hidden = &options.local_critic_hidden;
-            let network = if set.is_choice() {
-                Perceptron::new(observed, hidden, set.length())
+            let network = if space.is_choice() {
+                Perceptron::new(observed, hidden, space.length())
             } else {
-                Perceptron::new(observed + set.length(), hidden, 1)
+                Perceptron::new(observed + space.length(), hidden, 1)
             };
             Group::new(network, options.shared, vehicles, &mut stream)
         });
         let hidden = &options.global_critic_hidden;
-        let critic = match options.global_critic {
-            CriticForm::Flat => Critic::Flat(FlatCritic::new(vehicles, observed, set.length(), hidden)),
-            CriticForm::Set => Critic::Set(SetCritic::new(
-                set,
-                known,
-                options.set_hidden,
-                options.set_sum,
-                hidden,
-            )),
+        let critic: Box<dyn Critic> = match options.global_critic {
+            CriticForm::Flat => Box::new(FlatCritic::new(vehicles, observed, space.length(), hidden)),
+            CriticForm::Set => {
+                let (describe, sum) = (options.set_hidden, options.set_sum);
+                Box::new(SetCritic::new(space, known, describe, sum, hidden))
+            }
         };
         let twins = [(); 2].map(|()| Learned::new(critic.initial(&mut stream)));
-        let (slots, worlds) = (options.slots as usize, options.worlds as usize);
+        let slots = options.slots as usize;
         let extent = Extent {
             episodes: options.replay / (slots * worlds),
             slots,
@@ -122,13 +122,12 @@ impl MaddpgLearner {
             vehicles,
             known,
             observed,
-            action: if set.is_choice() { 1 } else { set.length() },
+            action: space.values(),
         };
         Self {
             options: options.clone(),
             seed,
-            arena,
-            set,
+            space,
             actors,
             local_critics,
             critic,
@@ -149,6 +148,11 @@ impl MaddpgLearner {
         self.times
     }
 
+    /// Episodes so far.
+    pub fn done(&self) -> u64 {
+        self.counters.done
+    }
+
     /// Updates so far.
     pub fn updates(&self) -> u64 {
         self.counters.updates
@@ -160,8 +164,8 @@ impl MaddpgLearner {
     }
 
     /// Vehicles in the next episode: the load grows over the run's first part.
-    pub(super) fn present(&self) -> usize {
-        let all = self.arena.vehicles();
+    pub fn present(&self) -> usize {
+        let all = self.extent.vehicles;
         let first = self.options.first_vehicles(all);
         let part = if self.options.all_vehicles_at > 0.0 {
             (self.progress() / self.options.all_vehicles_at).min(1.0)
@@ -171,41 +175,55 @@ impl MaddpgLearner {
         all.min(first + ((all - first + 1) as f32 * part) as usize)
     }
 
-    /// Plays one episode in these worlds, learning meanwhile.
-    pub(super) fn play(&mut self, worlds: &mut dyn Worlds, present: usize, stream: &mut Stream) -> Played {
-        let mut played = Played::default();
-        worlds.homes(self.replay.begin(present));
-        self.know(worlds);
+    /// Plays one episode of a game that has just begun, with [`MaddpgLearner::present`] agents, learning meanwhile.
+    pub fn episode(&mut self, game: &mut dyn Game) -> Metrics {
+        let present = self.present();
+        let mut stream = random::episode(self.seed, self.counters.done, LEARNING);
+        self.losses = Losses::default();
+        let mut played = Tally::default();
+        game.groups(self.replay.begin(present));
+        self.know(game);
         for _ in 0..self.extent.slots {
-            let actions = self.explore(present, stream);
+            let actions = self.explore(present, &mut stream);
             let start = Instant::now();
             let (room, rewards) = self.replay.outcome();
             room.copy_from_slice(&actions);
-            let tally = worlds.step(&actions, rewards);
-            played.reward += rewards.iter().map(|&reward| f64::from(reward)).sum::<f64>();
+            let mut tally = Tally::default();
+            game.step(&actions, rewards, &mut tally);
             self.times.environment += start.elapsed();
-            played.tally.age += tally.age;
-            played.tally.received += tally.received;
-            played.tally.power += tally.power;
+            played.merge(&tally);
             self.replay.advance();
-            self.know(worlds);
+            self.know(game);
             if self.options.updates == Updates::Slot {
-                self.update(stream);
+                self.update(&mut stream);
             }
         }
         if self.options.updates == Updates::Episode {
-            self.update(stream);
+            self.update(&mut stream);
         }
-        played
+        self.counters.done += 1;
+        self.counters.slots += played.world_slots as u64;
+        self.metrics(&played, present)
     }
 
-    fn know(&mut self, worlds: &dyn Worlds) {
+    fn metrics(&self, played: &Tally, present: usize) -> Metrics {
+        let losses = &self.losses;
+        let reward = played.reward / played.agent_slots;
+        played
+            .metrics(reward, self.counters.slots as f64, self.counters.updates)
+            .with("vehicles", present as f64)
+            .with("global_loss", losses.global / f64::from(losses.global_count))
+            .with("local_loss", losses.local / f64::from(losses.delayed_count))
+            .with("entropy", losses.entropy / f64::from(losses.delayed_count))
+    }
+
+    fn know(&mut self, game: &dyn Game) {
         let start = Instant::now();
-        worlds.know(self.replay.known());
+        game.know(self.replay.known());
         self.times.environment += start.elapsed();
     }
 
-    /// Actions of all vehicles for the slot at hand, as the arena takes them.
+    /// Actions of all vehicles for the slot at hand, as the game takes them.
     fn explore(&mut self, present: usize, stream: &mut Stream) -> Vec<f32> {
         let width = self.extent.known;
         let rows = Rows {
@@ -214,23 +232,73 @@ impl MaddpgLearner {
             width: self.extent.observed,
         };
         let outputs = self.actors.outputs(Role::Learner, &[rows]);
-        let length = self.set.length();
         let mut actions = Vec::with_capacity(outputs.len());
-        for (row, outputs) in outputs.chunks_exact(length).enumerate() {
-            let absent = row % self.extent.vehicles >= present;
-            if self.set.is_choice() {
-                let action = if absent { 0 } else { sample(outputs, stream) };
-                actions.push(action as f32);
-            } else if absent {
-                actions.extend([0.0; 2]);
+        for (row, outputs) in outputs.chunks_exact(self.space.length()).enumerate() {
+            if row % self.extent.vehicles < present {
+                self.space
+                    .act(outputs, self.options.noise, Some(stream), &mut actions);
             } else {
-                actions.extend(outputs.iter().map(|&output| {
-                    let noise = self.options.noise * stream.normal() as f32;
-                    (libm::tanhf(output) + noise).clamp(-1.0, 1.0)
-                }));
+                actions.extend(std::iter::repeat_n(0.0, self.extent.action));
             }
         }
         actions
+    }
+
+    /// The actors as they stand: one for all vehicles, or one for each.
+    pub fn networks(&self) -> Vec<Network> {
+        let widths = self.actors.network.widths();
+        let learned = self.actors.learned.iter();
+        learned
+            .map(|learned| Network::new(widths, learned.parameters.clone()))
+            .collect()
+    }
+
+    /// See [`crate::laboratory::learner::Learner::state`].
+    pub fn state(&self) -> State {
+        let mut state = State::default();
+        let mut save = |name: &str, learned: &[Learned]| -> Vec<Powers> {
+            let each = learned.iter().enumerate();
+            each.map(|(index, learned)| learned.save(&format!("{name}.{index}"), &mut state))
+                .collect()
+        };
+        let actors = save("actors", &self.actors.learned);
+        let local = self
+            .local_critics
+            .as_ref()
+            .map_or(&[][..], |critics| &critics.learned);
+        let local_critics = save("local_critics", local);
+        let twins = save("global_critics", &self.twins);
+        let saved = Saved {
+            counters: self.counters,
+            replay: self.replay.save(&mut state),
+            actors,
+            local_critics,
+            twins: [twins[0], twins[1]],
+        };
+        state.counters = serde_json::json!(saved);
+        state
+    }
+
+    /// See [`crate::laboratory::learner::Learner::restore`].
+    ///
+    /// # Errors
+    /// The tensor or counter that does not fit.
+    pub fn restore(&mut self, mut state: State) -> Result<()> {
+        let saved: Saved = state.counters()?;
+        let mut load = |name: &str, learned: &mut [Learned], powers: &[Powers]| -> Result<()> {
+            for (index, (learned, &powers)) in learned.iter_mut().zip(powers).enumerate() {
+                learned.load(&format!("{name}.{index}"), &mut state, powers)?;
+            }
+            Ok(())
+        };
+        load("actors", &mut self.actors.learned, &saved.actors)?;
+        if let Some(critics) = &mut self.local_critics {
+            load("local_critics", &mut critics.learned, &saved.local_critics)?;
+        }
+        load("global_critics", &mut self.twins, &saved.twins)?;
+        self.replay.load(&mut state, saved.replay)?;
+        self.counters = saved.counters;
+        state.finish()
     }
 
     /// One update of the global critics and, every `delay`-th time, of local critics and actors.
@@ -241,15 +309,8 @@ impl MaddpgLearner {
     }
 }
 
-/// Sums over an episode.
-#[derive(Default)]
-pub(super) struct Played {
-    pub tally: Tally,
-    pub reward: f64,
-}
-
 /// Scales the last layer down and biases it towards silence and home: an actor that always sends learns nothing.
-fn begin_actors(actors: &mut Group, options: &Maddpg, set: ActionSet) {
+fn begin_actors(actors: &mut Group, options: &Maddpg, space: ActionSpace) {
     let network = &actors.network;
     let last = network.layers() - 1;
     let (weights, biases) = (network.weights(last), network.biases(last));
@@ -258,18 +319,18 @@ fn begin_actors(actors: &mut Group, options: &Maddpg, set: ActionSet) {
         parameters[weights.clone()]
             .iter_mut()
             .for_each(|weight| *weight *= options.last_layer_scale);
-        if set.is_choice() {
+        if space.is_choice() {
             let biases = &mut parameters[biases.clone()];
             biases.fill(0.0);
             biases[0] = options.silence_bias;
             for (action, bias) in biases.iter_mut().enumerate().skip(1) {
-                *bias = match (set, action) {
+                *bias = match (space, action) {
                     (_, 1) => options.home_bias,
-                    (ActionSet::SubChannels, 4) | (ActionSet::Home(_), _) => options.joiner_bias,
+                    (ActionSpace::SubChannels, 4) | (ActionSpace::Home(_), _) => options.joiner_bias,
                     _ => 0.0,
                 };
             }
-            if set == ActionSet::SubChannels && !options.silence {
+            if space == ActionSpace::SubChannels && !options.silence {
                 biases[0] = NEVER;
             }
         }
@@ -279,18 +340,3 @@ fn begin_actors(actors: &mut Group, options: &Maddpg, set: ActionSet) {
 
 /// A score that no other comes near: the action is never chosen.
 const NEVER: f32 = -1e9;
-
-#[cfg(test)]
-impl MaddpgLearner {
-    /// The learner of a preset with `KEY=VALUE` settings and seed 1, for tests.
-    pub(super) fn of_preset(preset: Preset, settings: &[&str]) -> Self {
-        match preset.with(settings) {
-            Ok(Configuration {
-                algorithm: Algorithm::Maddpg(options),
-                scenario,
-                ..
-            }) => Self::new(&scenario, &options, 1),
-            other => panic!("{other:?}"),
-        }
-    }
-}

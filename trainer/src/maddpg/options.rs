@@ -1,13 +1,12 @@
 //! What the algorithm is told. Sources are those of the preset `paper`: "Table I" and "Algorithm 1" are the paper's, "chosen" it
 //! leaves open.
 
-use super::actions::ActionSet;
-use crate::laboratory::forms::{ObservationForm, OutputForm};
+use crate::game::actions::ActionSpace;
+use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::Scenario;
 use kit::choice::Choice;
 use kit::error::{Error, Result};
 use kit::{choices, keys};
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 keys! {
@@ -48,7 +47,7 @@ keys! {
             ],
             source = "the paper's action"
         )]
-        pub action: ActionForm,
+        pub action: OutputForm,
         /// Whether the action "sub-channels" offers silence. The other forms always do: power may be 0 W.
         #[key(source = "chosen")]
         pub silence: bool,
@@ -238,18 +237,6 @@ choices! {
     }
 }
 
-/// What an actor does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ActionForm {
-    /// The paper's: sub-channel and power, both continuous, through tanh.
-    SubChannelAndPower,
-    /// The firmware's actions.
-    Actions,
-    /// A choice among silence, full and low power on each sub-channel.
-    SubChannels,
-}
-
 impl Default for Backend {
     fn default() -> Self {
         Self::ALL[0]
@@ -268,24 +255,9 @@ impl Loss {
 }
 
 impl Maddpg {
-    /// The actions of the actors.
-    pub fn action_set(&self) -> ActionSet {
-        match self.action {
-            ActionForm::SubChannelAndPower => ActionSet::Continuous,
-            ActionForm::Actions => ActionSet::FIRMWARE,
-            ActionForm::SubChannels => ActionSet::SubChannels,
-        }
-    }
-
-    /// The same for evaluation.
+    /// What the actors' outputs mean.
     pub fn output_form(&self) -> OutputForm {
-        match self.action {
-            ActionForm::SubChannelAndPower => OutputForm::SubChannelAndPower { noise: self.noise },
-            ActionForm::Actions => OutputForm::Actions,
-            ActionForm::SubChannels => OutputForm::SubChannels {
-                silence: self.silence,
-            },
-        }
+        self.action.with_silence(self.silence)
     }
 
     /// Checksum (CRC-64/XZ) of the module whose losses these networks step down, where users change them there: other losses make
@@ -321,7 +293,7 @@ impl Maddpg {
         if self.backend == Backend::Burn {
             self.check_burn()?;
         }
-        let choice = self.action_set().is_choice();
+        let choice = ActionSpace::from(self.action).is_choice();
         let continuous = "maddpg.action = \"sub-channel-and-power\"";
         let contradiction = |found: String, expected: &str| Err(Error::input("maddpg", found, expected));
         if !choice && self.gradient == GradientForm::AllActions {
@@ -338,7 +310,13 @@ impl Maddpg {
                 "an action that is a choice, or maddpg.global_critic = \"flat\"",
             );
         }
-        if !self.silence && self.action != ActionForm::SubChannels {
+        if self.action == OutputForm::SendingSubChannels {
+            return contradiction(
+                "maddpg.action = \"sending-sub-channels\"".to_owned(),
+                "maddpg.action = \"sub-channels\" with maddpg.silence = false",
+            );
+        }
+        if !self.silence && self.action != OutputForm::SubChannels {
             let found = "maddpg.silence = false with another maddpg.action than \"sub-channels\"".to_owned();
             return contradiction(
                 found,

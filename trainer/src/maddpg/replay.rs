@@ -1,6 +1,6 @@
 //! What happened, episode by episode, for learning from it later (the paper's D).
 
-use super::critic::View;
+use super::view::View;
 use crate::laboratory::state::State;
 use host_sim::stream::Stream;
 use kit::error::Result;
@@ -22,6 +22,21 @@ pub struct Extent {
     pub observed: usize,
     /// Values stored of an action: 1 for a choice.
     pub action: usize,
+}
+
+impl Extent {
+    /// Shapes of what is known, actions, rewards, homes and present vehicles.
+    fn shapes(&self) -> [Vec<usize>; 5] {
+        let (episodes, slots) = (self.episodes, self.slots);
+        let rows = [self.worlds, self.vehicles];
+        [
+            [&[episodes, slots + 1], &rows[..], &[self.known]].concat(),
+            [&[episodes, slots], &rows[..], &[self.action]].concat(),
+            [&[episodes, slots], &rows[..]].concat(),
+            [&[episodes], &rows[..]].concat(),
+            vec![episodes],
+        ]
+    }
 }
 
 /// A ring of episodes. A slot's observation is stored once: it is the next one of the slot before.
@@ -64,14 +79,14 @@ pub struct Batch {
 impl Replay {
     /// An empty one.
     pub fn new(extent: Extent) -> Self {
-        let rows = extent.worlds * extent.vehicles;
-        let slots = extent.episodes * extent.slots;
+        let [known, actions, rewards, homes, present] =
+            extent.shapes().map(|shape| shape.iter().product::<usize>());
         Self {
-            known: vec![0.0; extent.episodes * (extent.slots + 1) * rows * extent.known],
-            actions: vec![0.0; slots * rows * extent.action],
-            rewards: vec![0.0; slots * rows],
-            homes: vec![0; extent.episodes * rows],
-            present: vec![0; extent.episodes],
+            known: vec![0.0; known],
+            actions: vec![0.0; actions],
+            rewards: vec![0.0; rewards],
+            homes: vec![0; homes],
+            present: vec![0; present],
             begun: 0,
             filled: 0,
             extent,
@@ -168,32 +183,12 @@ impl Replay {
 
     /// Writes everything into a state.
     pub fn save(&self, state: &mut State) -> (u64, usize) {
-        let Extent {
-            episodes,
-            slots,
-            worlds,
-            vehicles,
-            known,
-            action,
-            ..
-        } = self.extent;
-        state.put(
-            "replay.known",
-            &[episodes, slots + 1, worlds, vehicles, known],
-            self.known.clone(),
-        );
-        state.put(
-            "replay.actions",
-            &[episodes, slots, worlds, vehicles, action],
-            self.actions.clone(),
-        );
-        state.put(
-            "replay.rewards",
-            &[episodes, slots, worlds, vehicles],
-            self.rewards.clone(),
-        );
-        state.put("replay.homes", &[episodes, worlds, vehicles], self.homes.clone());
-        state.put("replay.present", &[episodes], self.present.clone());
+        let [known, actions, rewards, homes, present] = self.extent.shapes();
+        state.put("replay.known", &known, self.known.clone());
+        state.put("replay.actions", &actions, self.actions.clone());
+        state.put("replay.rewards", &rewards, self.rewards.clone());
+        state.put("replay.homes", &homes, self.homes.clone());
+        state.put("replay.present", &present, self.present.clone());
         (self.begun, self.filled)
     }
 
@@ -202,21 +197,13 @@ impl Replay {
     /// # Errors
     /// The tensor that is missing or has another shape.
     pub fn load(&mut self, state: &mut State, (begun, filled): (u64, usize)) -> Result<()> {
-        let Extent {
-            episodes,
-            slots,
-            worlds,
-            vehicles,
-            known,
-            action,
-            ..
-        } = self.extent;
-        self.known = state.take_f32("replay.known", &[episodes, slots + 1, worlds, vehicles, known])?;
-        self.actions = state.take_f32("replay.actions", &[episodes, slots, worlds, vehicles, action])?;
-        self.rewards = state.take_f32("replay.rewards", &[episodes, slots, worlds, vehicles])?;
-        self.homes = state.take_u8("replay.homes", &[episodes, worlds, vehicles])?;
-        self.present = state.take_u8("replay.present", &[episodes])?;
-        (self.begun, self.filled) = (begun, filled.min(slots));
+        let [known, actions, rewards, homes, present] = self.extent.shapes();
+        self.known = state.take_f32("replay.known", &known)?;
+        self.actions = state.take_f32("replay.actions", &actions)?;
+        self.rewards = state.take_f32("replay.rewards", &rewards)?;
+        self.homes = state.take_u8("replay.homes", &homes)?;
+        self.present = state.take_u8("replay.present", &present)?;
+        (self.begun, self.filled) = (begun, filled.min(self.extent.slots));
         Ok(())
     }
 

@@ -1,9 +1,10 @@
 //! A global critic per sub-channel: it adds up what is known of the vehicles on a sub-channel and judges the sum, so that
 //! neither their order nor their number is built into it (deep sets, Zaheer et al. 2017).
 
-use super::actions::ActionSet;
-use super::critic::View;
-use super::perceptron::{Pass, Perceptron};
+use super::critic::{Critic, CriticPass};
+use super::view::View;
+use crate::game::actions::ActionSpace;
+use crate::network::perceptron::Perceptron;
 use firmware::units::SUB_CHANNELS;
 use host_sim::stream::Stream;
 
@@ -24,19 +25,8 @@ const BLOCK: usize = 960;
 pub struct SetCritic {
     describe: Perceptron,
     judge: Perceptron,
-    set: ActionSet,
+    space: ActionSpace,
     known: usize,
-}
-
-/// A batch on its way.
-#[derive(Clone, Debug, Default)]
-pub struct SetPass {
-    describe: Pass,
-    judge: Pass,
-    alternatives: Pass,
-    alternative_judge: Pass,
-    /// Of each column of `describe`.
-    heads: Vec<u32>,
 }
 
 /// The sum of nobody.
@@ -44,39 +34,77 @@ const NOWHERE: u32 = u32::MAX;
 
 impl SetCritic {
     /// For `known` values of each vehicle.
-    pub fn new(set: ActionSet, known: usize, describe: usize, sum: usize, judge: &[usize]) -> Self {
+    pub fn new(space: ActionSpace, known: usize, describe: usize, sum: usize, judge: &[usize]) -> Self {
         Self {
-            describe: Perceptron::new(known + set.places() + set.kinds(), &[describe], sum),
+            describe: Perceptron::new(known + space.places() + space.kinds(), &[describe], sum),
             judge: Perceptron::new(sum + 1, judge, 1),
-            set,
+            space,
             known,
         }
     }
 
-    /// Random parameters: those of the description, then those of the judgement.
-    pub fn initial(&self, stream: &mut Stream) -> Vec<f32> {
+    /// The sum that each column belongs to: that of the home sub-channel of its vehicle or of one `place` further;
+    /// [`NOWHERE`] for an absent vehicle.
+    fn find_heads(&self, view: &View<'_>, heads: &mut Vec<u32>) {
+        heads.clear();
+        for (row, &home) in view.homes.iter().enumerate() {
+            let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
+            heads.extend((0..self.space.places()).map(|place| {
+                let sub_channel = (usize::from(home) + place) % HEADS;
+                if view.takes_part(sample, vehicle) {
+                    (sample * HEADS + sub_channel) as u32
+                } else {
+                    NOWHERE
+                }
+            }));
+        }
+    }
+
+    /// Writes what is known, and which place is meant; gives the room for the kinds of action, which are zeros.
+    fn write_known<'l>(
+        &self,
+        view: &View<'_>,
+        row: usize,
+        place: usize,
+        line: &'l mut [f32],
+    ) -> &'l mut [f32] {
+        let (known, rest) = line.split_at_mut(self.known);
+        known.copy_from_slice(&view.observations[row * view.width..][..self.known]);
+        let (places, kinds) = rest.split_at_mut(self.space.places());
+        places[place] = 1.0;
+        kinds
+    }
+}
+
+/// Parameters are those of the description, then those of the judgement. Alternatives leave out the sub-channels that an action cannot
+/// reach.
+impl Critic for SetCritic {
+    fn heads(&self) -> usize {
+        HEADS
+    }
+
+    fn initial(&self, stream: &mut Stream) -> Vec<f32> {
         let mut parameters = self.describe.initial(stream);
         parameters.extend(self.judge.initial(stream));
         parameters
     }
 
-    /// See [`super::critic::Critic::forward`].
-    pub fn forward(
+    fn forward(
         &self,
         parameters: &[f32],
         view: &View<'_>,
         actions: &[f32],
-        pass: &mut SetPass,
+        pass: &mut CriticPass,
     ) -> Vec<f32> {
         let (describe, judge) = parameters.split_at(self.describe.parameters());
-        let (places, length) = (self.set.places(), self.set.length());
+        let (places, length) = (self.space.places(), self.space.length());
         let rows = view.samples() * view.vehicles;
         let columns = rows * places;
         pass.describe.fill(&self.describe, columns, |column, line| {
             let (row, place) = (column / places, column % places);
             let kinds = self.write_known(view, row, place, line);
             for (index, &weight) in actions[row * length..][..length].iter().enumerate() {
-                kinds[self.set.kind(index, place)] += weight;
+                kinds[self.space.kind(index, place)] += weight;
             }
         });
         self.describe.forward(describe, &mut pass.describe);
@@ -100,13 +128,12 @@ impl SetCritic {
         pass.judge.output().to_vec()
     }
 
-    /// Runs slopes back, to the gradient or else to the inputs.
-    pub fn backward(
+    fn backward(
         &self,
         parameters: &[f32],
         view: &View<'_>,
         slopes: &[f32],
-        pass: &mut SetPass,
+        pass: &mut CriticPass,
         gradient: Option<&mut [f32]>,
     ) {
         let (describe, judge) = parameters.split_at(self.describe.parameters());
@@ -121,7 +148,7 @@ impl SetCritic {
         pass.judge.output_slopes().copy_from_slice(slopes);
         self.judge.backward(judge, &mut pass.judge, judge_gradient, true);
         let heads = view.samples() * HEADS;
-        let columns = view.samples() * view.vehicles * self.set.places();
+        let columns = view.samples() * view.vehicles * self.space.places();
         let along_sums = pass.judge.input_slopes().chunks_exact(heads);
         let along_values = pass.describe.output_slopes().chunks_exact_mut(columns);
         for (values, sums) in along_values.zip(along_sums) {
@@ -133,9 +160,8 @@ impl SetCritic {
             .backward(describe, &mut pass.describe, describe_gradient, along_inputs);
     }
 
-    /// Slopes along the actions after a backward run to the inputs.
-    pub fn action_slopes(&self, view: &View<'_>, pass: &SetPass) -> Vec<f32> {
-        let (places, length) = (self.set.places(), self.set.length());
+    fn along_actions(&self, view: &View<'_>, pass: &CriticPass) -> Vec<f32> {
+        let (places, length) = (self.space.places(), self.space.length());
         let rows = view.samples() * view.vehicles;
         let columns = rows * places;
         let slopes = pass.describe.input_slopes();
@@ -143,7 +169,7 @@ impl SetCritic {
         for row in 0..rows {
             result.extend((0..length).map(|action| {
                 let along = (0..places).map(|place| {
-                    let index = self.known + places + self.set.kind(action, place);
+                    let index = self.known + places + self.space.kind(action, place);
                     slopes[index * columns + row * places + place]
                 });
                 along.sum::<f32>()
@@ -152,17 +178,16 @@ impl SetCritic {
         result
     }
 
-    /// See [`super::critic::Critic::alternatives`]: leaves out the sub-channels that an action cannot reach.
-    pub fn alternatives(
+    fn alternatives(
         &self,
         parameters: &[f32],
         view: &View<'_>,
         actions: &[f32],
-        pass: &mut SetPass,
+        pass: &mut CriticPass,
     ) -> Vec<f32> {
         let _values = self.forward(parameters, view, actions, pass);
         let (describe, judge) = parameters.split_at(self.describe.parameters());
-        let (places, kinds) = (self.set.places(), self.set.kinds());
+        let (places, kinds) = (self.space.places(), self.space.kinds());
         let actual_columns = view.samples() * view.vehicles * places;
         let heads = view.samples() * HEADS;
         let width = self.describe.outputs();
@@ -206,46 +231,14 @@ impl SetCritic {
             values.extend_from_slice(pass.alternative_judge.output());
         }
         let rows = view.samples() * view.vehicles;
-        let mut result = Vec::with_capacity(rows * self.set.length());
+        let mut result = Vec::with_capacity(rows * self.space.length());
         for row in 0..rows {
-            result.extend((0..self.set.length()).map(|action| {
+            result.extend((0..self.space.length()).map(|action| {
                 let reached = (0..places)
-                    .map(|place| values[(row * places + place) * kinds + self.set.kind(action, place)]);
+                    .map(|place| values[(row * places + place) * kinds + self.space.kind(action, place)]);
                 reached.sum::<f32>() / HEADS as f32
             }));
         }
         result
-    }
-
-    /// The sum that each column belongs to: that of the home sub-channel of its vehicle or of one `place` further;
-    /// [`NOWHERE`] for an absent vehicle.
-    fn find_heads(&self, view: &View<'_>, heads: &mut Vec<u32>) {
-        heads.clear();
-        for (row, &home) in view.homes.iter().enumerate() {
-            let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
-            heads.extend((0..self.set.places()).map(|place| {
-                let sub_channel = (usize::from(home) + place) % HEADS;
-                if view.takes_part(sample, vehicle) {
-                    (sample * HEADS + sub_channel) as u32
-                } else {
-                    NOWHERE
-                }
-            }));
-        }
-    }
-
-    /// Writes what is known, and which place is meant; gives the room for the kinds of action, which are zeros.
-    fn write_known<'l>(
-        &self,
-        view: &View<'_>,
-        row: usize,
-        place: usize,
-        line: &'l mut [f32],
-    ) -> &'l mut [f32] {
-        let (known, rest) = line.split_at_mut(self.known);
-        known.copy_from_slice(&view.observations[row * view.width..][..self.known]);
-        let (places, kinds) = rest.split_at_mut(self.set.places());
-        places[place] = 1.0;
-        kinds
     }
 }

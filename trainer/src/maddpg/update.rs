@@ -3,14 +3,18 @@
 //! A batch moves the twin global critics towards `y_g = r_g + gamma min(Q'_1, Q'_2)`, and every `delay`-th time the local critics
 //! towards `y_l = r_l + gamma Q'_l` and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
 
-use super::choice::{entropy, expectation, expectation_slopes, gumbel, one_hot, sample, softmax};
-use super::critic::{CriticPass, View};
-use super::group::{Role, Rows};
+use super::critic::CriticPass;
+use super::group::Role;
 use super::learner::MaddpgLearner;
-use super::optimiser::{Learned, Step};
 use super::options::{GlobalWeight, GradientForm};
 use super::replay::Batch;
 use super::set_critic::HEADS;
+use super::view::View;
+use crate::network::categorical::{
+    draw, entropy, entropy_slope, expectation, expectation_slopes, gumbel, largest, one_hot, probabilities,
+};
+use crate::network::optimiser::{Learned, Step};
+use crate::network::perceptron::Rows;
 use host_sim::stream::Stream;
 
 impl MaddpgLearner {
@@ -53,14 +57,14 @@ impl MaddpgLearner {
     /// What the target actors would do, smoothed: with noise, or now and then drawn from a flatter softmax.
     fn target_actions(&self, outputs: &[f32], stream: &mut Stream) -> Vec<f32> {
         let options = &self.options;
-        let length = self.set.length();
+        let length = self.space.length();
         let mut actions = Vec::with_capacity(outputs.len());
         for outputs in outputs.chunks_exact(length) {
-            if self.set.is_choice() {
+            if self.space.is_choice() {
                 let flat = stream.uniform() < options.smoothing_noise;
                 let scale = if flat { 0.5 } else { 1.0 };
                 let scores: Vec<f32> = outputs.iter().map(|output| output * scale).collect();
-                one_hot(sample(&scores, stream), length, &mut actions);
+                one_hot(draw(&scores, stream), length, &mut actions);
             } else {
                 actions.extend(outputs.iter().map(|&output| {
                     let noise = options.smoothing_noise * stream.normal() as f32;
@@ -74,12 +78,12 @@ impl MaddpgLearner {
 
     /// Actions of the batch as vectors.
     fn action_vectors(&self, batch: &Batch) -> Vec<f32> {
-        if !self.set.is_choice() {
+        if !self.space.is_choice() {
             return batch.actions.clone();
         }
-        let mut vectors = Vec::with_capacity(batch.actions.len() * self.set.length());
+        let mut vectors = Vec::with_capacity(batch.actions.len() * self.space.length());
         for &action in &batch.actions {
-            one_hot(action as usize, self.set.length(), &mut vectors);
+            one_hot(action as usize, self.space.length(), &mut vectors);
         }
         vectors
     }
@@ -115,7 +119,7 @@ impl MaddpgLearner {
     fn improve_global(&mut self, batch: &Batch, later: &[f32]) {
         let heads = self.critic.heads();
         let (actions, step) = (self.action_vectors(batch), self.critic_step());
-        let (critic, discount, options) = (&self.critic, self.discount(), &self.options);
+        let (critic, discount, options) = (self.critic.as_ref(), self.discount(), &self.options);
         let gradients = &self.gradients;
         let now = batch.view(&self.extent, &batch.known);
         let next = batch.view(&self.extent, &batch.later);
@@ -142,7 +146,7 @@ impl MaddpgLearner {
                 })
                 .collect();
             learned.descend(gradients, step, options.gradient_clip, |parameters, gradient| {
-                critic.gradient(parameters, &now, &slopes, pass, gradient);
+                critic.backward(parameters, &now, &slopes, pass, Some(gradient));
             });
             loss
         };
@@ -155,8 +159,8 @@ impl MaddpgLearner {
     /// `y_l = r_l + gamma Q'_l`, for a choice with the target actor's expectation of Q'_l.
     fn improve_local(&mut self, batch: &Batch, outputs: &[f32], later: &[f32]) {
         let (discount, step) = (self.discount(), self.critic_step());
-        let (length, vehicles) = (self.set.length(), self.extent.vehicles);
-        let (choice, loss) = (self.set.is_choice(), self.options.loss);
+        let (length, vehicles) = (self.space.length(), self.extent.vehicles);
+        let (choice, loss) = (self.space.is_choice(), self.options.loss);
         let actions = self.action_vectors(batch);
         let Some(critics) = &mut self.local_critics else {
             return;
@@ -184,7 +188,10 @@ impl MaddpgLearner {
                 }
                 let (index, later) = if choice {
                     let scores = &outputs[row * length..][..length];
-                    (batch.actions[row] as usize, expectation(&softmax(scores), later))
+                    (
+                        batch.actions[row] as usize,
+                        expectation(&probabilities(scores), later),
+                    )
                 } else {
                     (0, later[0])
                 };
@@ -200,8 +207,7 @@ impl MaddpgLearner {
     /// Up the slopes of the first twin and the local critic together (paper eq. "td3").
     fn improve_actors(&mut self, batch: &Batch, stream: &mut Stream) {
         let samples = self.options.actor_batch.min(batch.present.len());
-        let (length, vehicles) = (self.set.length(), self.extent.vehicles);
-        let rows = samples * vehicles;
+        let rows = samples * self.extent.vehicles;
         let known = Rows {
             values: &batch.known[..rows * self.extent.known],
             stride: self.extent.known,
@@ -213,114 +219,111 @@ impl MaddpgLearner {
             ..batch.view(&self.extent, known.values)
         };
         let outputs = self.actors.forward(&[known]);
-        let global_weight = match self.options.global_weight {
-            GlobalWeight::Printed => 1.0,
-            GlobalWeight::Vehicles => taking_part(view.present) / samples as f32,
-        };
-        let mut gains = match (self.set.is_choice(), self.options.gradient) {
-            (false, _) => self.slopes_along(
-                &view,
-                &outputs.iter().map(|&o| libm::tanhf(o)).collect::<Vec<_>>(),
-                known,
-                global_weight,
-            ),
-            (true, GradientForm::AllActions) => {
-                let mut actions = Vec::with_capacity(outputs.len());
-                for scores in outputs.chunks_exact(length) {
-                    one_hot(sample(scores, stream), length, &mut actions);
-                }
-                let first = &self.twins[0].parameters;
-                let mut gains =
-                    self.critic
-                        .alternatives(first, &view, &actions, self.set, &mut self.passes[0]);
-                gains.iter_mut().for_each(|gain| *gain *= global_weight);
-                self.add_local_values(&mut gains, known);
-                gains
-            }
-            (true, GradientForm::Straight) => Vec::new(),
-        };
-        let entropy_weight = interpolate(self.options.entropy, self.options.last_entropy, self.progress());
         let scale = self.actors.learned.len() as f32 / taking_part(view.present);
-        let mut slopes = vec![0.0; outputs.len()];
-        let mut relaxed = Vec::new();
-        if gains.is_empty() {
-            let mut hard = Vec::with_capacity(outputs.len());
-            for scores in outputs.chunks_exact(length) {
-                let perturbed = gumbel(scores, stream);
-                let best =
-                    (0..length).fold(0, |best, k| if perturbed[k] > perturbed[best] { k } else { best });
-                one_hot(best, length, &mut hard);
-                let tempered: Vec<f32> = perturbed.iter().map(|p| p / self.options.temperature).collect();
-                relaxed.extend(softmax(&tempered));
+        let slopes = if self.space.is_choice() {
+            self.choice_slopes(&view, known, &outputs, scale, stream)
+        } else {
+            let actions: Vec<f32> = outputs.iter().map(|&output| libm::tanhf(output)).collect();
+            let mut slopes = self.gains(&view, known, &actions, false);
+            for (index, (slope, action)) in slopes.iter_mut().zip(&actions).enumerate() {
+                let row = index / self.space.length();
+                // An absent vehicle's action teaches nothing.
+                let looked_at = view.takes_part(row / view.vehicles, row % view.vehicles);
+                *slope = if looked_at {
+                    -scale * *slope * (1.0 - action * action)
+                } else {
+                    0.0
+                };
             }
-            gains = self.slopes_along(&view, &hard, known, global_weight);
-        }
-        let mut total_entropy = 0.0;
-        for row in (0..rows).filter(|row| row % vehicles < usize::from(view.present[row / vehicles])) {
-            let place = row * length..(row + 1) * length;
-            let (scores, gains) = (&outputs[place.clone()], &gains[place.clone()]);
-            let slopes = &mut slopes[place.clone()];
-            if !self.set.is_choice() {
-                for ((slope, &output), gain) in slopes.iter_mut().zip(scores).zip(gains) {
-                    let action = libm::tanhf(output);
-                    *slope = -scale * gain * (1.0 - action * action);
-                }
-                continue;
-            }
-            let probabilities = softmax(scores);
-            let weights = relaxed.get(place).unwrap_or(&probabilities);
-            let factor = if relaxed.is_empty() {
-                1.0
-            } else {
-                1.0 / self.options.temperature
-            };
-            let gain_slopes = expectation_slopes(weights, gains);
-            let (spread, spread_slopes) = entropy(&probabilities);
-            total_entropy += spread;
-            for (index, slope) in slopes.iter_mut().enumerate() {
-                *slope = -scale * (factor * gain_slopes[index] + entropy_weight * spread_slopes[index]);
-            }
-        }
+            slopes
+        };
         let step = self.actor_step();
         self.actors.learn(&slopes, step, self.options.gradient_clip);
-        self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
         self.losses.delayed_count += 1;
     }
 
-    /// Slopes of both critics along these actions.
-    fn slopes_along(
+    /// Slopes of the actors' loss along the scores of their choices: up the gains, and up the entropy.
+    fn choice_slopes(
         &mut self,
         view: &View<'_>,
-        actions: &[f32],
         known: Rows<'_>,
-        global_weight: f32,
+        outputs: &[f32],
+        scale: f32,
+        stream: &mut Stream,
     ) -> Vec<f32> {
-        let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
-        let (set, critics) = (self.set, &self.local_critics);
-        let global = || critic.action_slopes(first, view, actions, pass);
-        let local = || {
-            critics.as_ref().map(|critics| {
-                if set.is_choice() {
-                    return critics.outputs(Role::Learner, &[known]);
+        let length = self.space.length();
+        let scores = outputs.chunks_exact(length);
+        let softmax: Vec<f32> = scores.clone().flat_map(probabilities).collect();
+        let temperature = self.options.temperature;
+        let mut chosen = Vec::with_capacity(outputs.len());
+        // The distribution that gains are weighed with, and how steeply it follows the scores.
+        let (gains, weights, steepness) = match self.options.gradient {
+            GradientForm::AllActions => {
+                scores.for_each(|scores| one_hot(draw(scores, stream), length, &mut chosen));
+                let gains = self.gains(view, known, &chosen, true);
+                (gains, softmax.clone(), 1.0)
+            }
+            GradientForm::Straight => {
+                let mut relaxed = Vec::with_capacity(outputs.len());
+                for scores in scores {
+                    let perturbed = gumbel(scores, stream);
+                    one_hot(largest(&perturbed), length, &mut chosen);
+                    let tempered: Vec<f32> = perturbed.iter().map(|p| p / temperature).collect();
+                    relaxed.extend(probabilities(&tempered));
                 }
-                critics.slopes_along_last(&[known, Rows::all(actions, set.length())])
-            })
+                let gains = self.gains(view, known, &chosen, false);
+                (gains, relaxed, 1.0 / temperature)
+            }
         };
-        let (mut slopes, along) = rayon::join(global, local);
-        slopes.iter_mut().for_each(|slope| *slope *= global_weight);
-        for (slope, local) in slopes.iter_mut().zip(along.iter().flatten()) {
-            *slope += self.options.local_weight * local;
+        let entropy_weight = interpolate(self.options.entropy, self.options.last_entropy, self.progress());
+        let (mut slopes, mut total_entropy) = (vec![0.0; outputs.len()], 0.0);
+        let vehicles = view.vehicles;
+        let rows = (0..slopes.len() / length).filter(|row| view.takes_part(row / vehicles, row % vehicles));
+        for row in rows {
+            let place = row * length..(row + 1) * length;
+            let gain_slopes = expectation_slopes(&weights[place.clone()], &gains[place.clone()]);
+            let softmax = &softmax[place.clone()];
+            let spread = entropy(softmax);
+            total_entropy += spread;
+            let each = slopes[place].iter_mut().zip(gain_slopes).zip(softmax);
+            for ((slope, gain_slope), &probability) in each {
+                let spread_slope = entropy_slope(probability, spread);
+                *slope = -scale * (steepness * gain_slope + entropy_weight * spread_slope);
+            }
         }
+        self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
         slopes
     }
 
-    /// Adds each choice's value to its own vehicle.
-    fn add_local_values(&self, gains: &mut [f32], known: Rows<'_>) {
-        if let Some(critics) = &self.local_critics {
-            for (gain, value) in gains.iter_mut().zip(critics.outputs(Role::Learner, &[known])) {
-                *gain += self.options.local_weight * value;
+    /// What the critics say of actions, both weighted: how their values rise along each, or what every `alternative` would be worth.
+    fn gains(&mut self, view: &View<'_>, known: Rows<'_>, actions: &[f32], alternative: bool) -> Vec<f32> {
+        let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
+        let (space, critics) = (self.space, &self.local_critics);
+        let global = || {
+            if alternative {
+                critic.alternatives(first, view, actions, pass)
+            } else {
+                critic.action_slopes(first, view, actions, pass)
             }
+        };
+        let local = || {
+            critics.as_ref().map(|critics| {
+                if space.is_choice() {
+                    return critics.outputs(Role::Learner, &[known]);
+                }
+                critics.slopes_along_last(&[known, Rows::all(actions, space.length())])
+            })
+        };
+        let (mut gains, local) = rayon::join(global, local);
+        let global_weight = match self.options.global_weight {
+            GlobalWeight::Printed => 1.0,
+            GlobalWeight::Vehicles => taking_part(view.present) / view.samples() as f32,
+        };
+        gains.iter_mut().for_each(|gain| *gain *= global_weight);
+        for (gain, local) in gains.iter_mut().zip(local.iter().flatten()) {
+            *gain += self.options.local_weight * local;
         }
+        gains
     }
 }
 
@@ -357,14 +360,15 @@ fn interpolate(first: f32, last: f32, progress: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::in_cell::MaddpgInCell;
     use super::super::learner::LEARNING;
     use super::*;
-    use crate::laboratory::configuration::Preset;
+    use crate::configuration::Preset;
     use crate::laboratory::learner::Learner as _;
     use crate::laboratory::random;
 
     /// A learner of two vehicles in the paper's form whose critics are constants: their last biases.
-    fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgLearner {
+    fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgInCell {
         let settings = [
             "scenario.cell.vehicles=2",
             "maddpg.slots=10",
@@ -379,7 +383,8 @@ mod tests {
             "maddpg.discount=0.5",
             "maddpg.delay=1",
         ];
-        let mut learner = MaddpgLearner::of_preset(Preset::Paper, &settings);
+        let mut cell = MaddpgInCell::of_preset(Preset::Paper, &settings);
+        let learner = &mut cell.learner;
         let constant = |learned: &mut Learned, value: f32| {
             let mut parameters = vec![0.0; learned.parameters.len()];
             *parameters.last_mut().unwrap() = value;
@@ -391,7 +396,7 @@ mod tests {
         for learned in &mut learner.local_critics.as_mut().unwrap().learned {
             constant(learned, local);
         }
-        learner
+        cell
     }
 
     /// With constant critics the losses say what the targets were: `r_g + gamma min(Q'_1, Q'_2)` and `r_l + gamma Q'_l`.
@@ -406,7 +411,7 @@ mod tests {
         (0..draws_before).for_each(|_| {
             let _noise = stream.normal();
         });
-        learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
+        learner.learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
         let square = |value: f64| value * value;
         let global_reward =
             |sample: usize| f64::from(batch.rewards[2 * sample] + batch.rewards[2 * sample + 1]) / 2.0;

@@ -2,7 +2,7 @@
 //!
 //! Members are interchangeable, so the critic gets counts, which have the same length for any number of vehicles.
 
-use firmware::observation::{INPUTS, Observation};
+use firmware::observation::Observation;
 use firmware::units::SUB_CHANNELS;
 
 /// Turns are told apart up to this many slots ahead; later ones count as the last. Groups of up to 72 vehicles fit.
@@ -11,9 +11,9 @@ const TURNS: usize = 24;
 /// Classes of ages in periods: below 1, 2, 3 and 5, older, and turn lost.
 const AGE_CLASSES: usize = 6;
 
-/// Length of the critic's input: the actor's, then how many others have their turn in 0, 1, ... slots, then the shares of
-/// others in each class of age.
-pub const CENTRAL_INPUTS: usize = INPUTS + TURNS + AGE_CLASSES;
+/// Values that the critic knows beside a vehicle's observation: how many others have their turn in 0, 1, ... slots, then the
+/// shares of others in each class of age.
+pub const GROUP_COUNTS: usize = TURNS + AGE_CLASSES;
 
 /// Where a vehicle stands in its group.
 #[derive(Clone, Copy, Debug)]
@@ -68,16 +68,14 @@ impl GroupCounts {
         counts
     }
 
-    /// Appends the critic's input for one of the counted vehicles; `encoded` is its actor's input.
-    pub fn append_view(&self, observation: &Observation, encoded: &[f32; INPUTS], view: &mut Vec<f32>) {
+    /// Writes what the critic knows of the others around one of the counted vehicles.
+    pub fn write(&self, observation: &Observation, values: &mut [f32]) {
         let (group, standing) = (observation.home().index(), Standing::new(observation));
-        view.extend(encoded);
-        let own = |index: usize, of: usize| if index == of { 1.0 } else { 0.0 };
-        let turns = self.turns[group].iter().enumerate();
-        view.extend(turns.map(|(turn, count)| count - own(turn, standing.turn)));
-        let classes = self.age_classes[group].iter().enumerate();
-        view.extend(
-            classes.map(|(class, count)| (count - own(class, standing.age_class)) / self.members[group]),
-        );
+        let (turns, classes) = values.split_at_mut(TURNS);
+        turns.copy_from_slice(&self.turns[group]);
+        turns[standing.turn] -= 1.0;
+        classes.copy_from_slice(&self.age_classes[group]);
+        classes[standing.age_class] -= 1.0;
+        classes.iter_mut().for_each(|count| *count /= self.members[group]);
     }
 }

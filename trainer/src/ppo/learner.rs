@@ -1,23 +1,24 @@
 //! The learner between two episodes, and what an episode does.
 
 use super::Recipe;
-use super::cell::{CellArena, Tally};
-use super::central::CENTRAL_INPUTS;
-use super::optimiser::{Losses, Optimiser};
+use super::central::GROUP_COUNTS;
 use super::rollout::{Experience, play};
+use super::rules::Costs;
+use super::update::{ActorCritic, Losses, Part};
+use crate::actor_file;
+use crate::game::cell::Cell;
+use crate::game::{Tally, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::forms::{ObservationForm, OutputForm};
-use crate::laboratory::learner::{Learner, Metrics, name};
+use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
-use crate::network::{Adam, Network};
-use crate::run_folder::RunFolder;
+use crate::network::Network;
+use crate::network::optimiser::Powers;
 use firmware::decision::{ACTIONS, Action};
+use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
-use host_sim::environment::Environment;
-use host_sim::mobility::Grid;
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, Role, Stream};
+use host_sim::stream::{Role, Stream};
 use kit::error::{Error, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -33,13 +34,17 @@ enum Use {
 /// Member of a world's policy streams that draws a batch's size, start ages and actions.
 const PLAY: u32 = 1;
 
+/// What the actor sees, and what it does.
+const OBSERVATION: ObservationForm = ObservationForm::HomeFirst;
+const OUTPUT: OutputForm = OutputForm::Actions;
+
 /// Proximal policy optimisation at work in the cell.
 pub struct PpoLearner {
     scenario: Scenario,
     recipe: Recipe,
     seed: u64,
     counters: Counters,
-    optimiser: Optimiser,
+    networks: ActorCritic,
 }
 
 /// What besides the networks must be saved.
@@ -62,7 +67,7 @@ impl PpoLearner {
         } else {
             first_actor(&recipe)?
         };
-        let critic_widths = widths(CENTRAL_INPUTS, &recipe.critic_hidden, 1);
+        let critic_widths = [&[INPUTS + GROUP_COUNTS], &recipe.critic_hidden[..], &[1]].concat();
         let critic = Network::random(
             &critic_widths,
             &mut random::initial(seed, Use::FirstCritic as u32),
@@ -72,17 +77,15 @@ impl PpoLearner {
             recipe,
             seed,
             counters: Counters::default(),
-            optimiser: Optimiser {
-                actor_adam: Adam::new(&actor),
-                critic_adam: Adam::new(&critic),
-                actor,
-                critic,
+            networks: ActorCritic {
+                actor: Part::new(actor),
+                critic: Part::new(critic),
             },
         })
     }
 
-    /// The scenario of each batch of an episode, and the stream that plays it.
-    fn batches(&self) -> Vec<(Scenario, Stream)> {
+    /// Each batch of an episode: its first world, its scenario, and the stream that plays it.
+    fn batches(&self) -> Vec<(u64, Scenario, Stream)> {
         let recipe = &self.recipe;
         let worlds = u64::from(recipe.worlds);
         (0..u64::from(recipe.batches))
@@ -92,9 +95,22 @@ impl PpoLearner {
                 let mut scenario = self.scenario.clone();
                 let sizes = recipe.max_vehicles - recipe.min_vehicles + 1;
                 scenario.cell.vehicles = recipe.min_vehicles + stream.below(sizes);
-                (scenario, stream)
+                (first.world, scenario, stream)
             })
             .collect()
+    }
+
+    /// The game of a batch, with random start ages, and the stream that goes on with it.
+    fn game<'b>(
+        &self,
+        (first, scenario, stream): &'b mut (u64, Scenario, Stream),
+    ) -> (Cell<'b, Costs>, &'b mut Stream) {
+        let worlds = *first..*first + u64::from(self.recipe.worlds);
+        let mut environment = random::worlds(scenario, self.seed, worlds);
+        start_ages::for_every_load(&mut environment, stream);
+        // The recipe's check leaves no group so large that a vehicle hears nothing.
+        let cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, self.recipe.costs());
+        (cell, stream)
     }
 
     /// Worlds of an episode.
@@ -114,52 +130,30 @@ impl Learner for PpoLearner {
 
     fn advance(&mut self) -> Metrics {
         let mut batches = self.batches();
-        let mut arenas: Vec<(CellArena<'_>, &mut Stream)> = batches
-            .iter_mut()
-            .enumerate()
-            .map(|(batch, (scenario, stream))| {
-                let worlds = u64::from(self.recipe.worlds);
-                let first = random::world(
-                    self.seed,
-                    self.counters.done,
-                    self.worlds(),
-                    batch as u64 * worlds,
-                )
-                .world;
-                let worlds = first..first + worlds;
-                let environment = Environment::new(scenario, &Grid, self.seed, Purpose::Training, worlds);
-                (CellArena::new(environment, self.recipe.costs(), stream), stream)
-            })
-            .collect();
+        let games: Vec<_> = batches.iter_mut().map(|batch| self.game(batch)).collect();
+        let mut games: Vec<_> = games.into_iter().map(|game| (game, Tally::default())).collect();
         let recipe = &self.recipe;
         let mut order = random::episode(self.seed, self.counters.done, Use::Order as u32);
         let mut losses = Losses::default();
         for update in 0..recipe.updates {
             let done = self.counters.done as f64 + f64::from(update) / f64::from(recipe.updates);
             let rates = recipe.rates(done / recipe.episodes as f64);
-            let (actor, critic) = (&self.optimiser.actor, &self.optimiser.critic);
-            let played: Vec<Experience> = arenas
+            let (actor, critic) = (&self.networks.actor.network, &self.networks.critic.network);
+            let played: Vec<Experience> = games
                 .par_iter_mut()
-                .map(|(arena, stream)| play(arena, actor, critic, recipe, stream))
+                .map(|((game, stream), tally)| play(game, actor, critic, recipe, stream, tally))
                 .collect();
-            losses.add(
-                &self
-                    .optimiser
-                    .update(&Experience::join(played), recipe, rates, &mut order),
-            );
+            let experience = Experience::join(played);
+            losses.add(&self.networks.update(&experience, recipe, rates, &mut order));
         }
         let mut tally = Tally::default();
-        arenas.iter().for_each(|(arena, _)| tally.merge(&arena.tally));
+        games.iter().for_each(|(_, played)| tally.merge(played));
         self.counters.done += 1;
         self.counters.world_slots += tally.world_slots as u64;
         self.counters.steps += losses.steps as u64;
-        Metrics::default()
-            .with(name::REWARD, tally.reward / tally.count)
-            .with(name::AGE, tally.age / tally.count)
-            .with(name::SUCCESSES, tally.received / tally.world_slots)
-            .with(name::POWER, tally.power_mw / tally.count)
-            .with(name::SLOTS, self.counters.world_slots as f64)
-            .with(name::UPDATES, self.counters.steps as f64)
+        let reward = tally.reward / tally.agent_slots;
+        tally
+            .metrics(reward, self.counters.world_slots as f64, self.counters.steps)
             .with("actor_loss", losses.actor / losses.steps)
             .with("critic_loss", losses.critic / losses.steps)
             .with("entropy", losses.entropy / losses.steps)
@@ -168,35 +162,27 @@ impl Learner for PpoLearner {
 
     fn state(&self) -> State {
         let mut state = State::new(json!(self.counters));
-        for (name, network) in self.optimiser.networks() {
-            for (index, layer) in network.layers.iter().enumerate() {
-                let shape = [layer.inputs, layer.outputs];
-                state.put(format!("{name}.{index}.weights"), &shape, layer.weights.clone());
-                state.put(
-                    format!("{name}.{index}.biases"),
-                    &shape[1..],
-                    layer.biases.clone(),
-                );
-            }
-        }
-        for (name, adam) in self.optimiser.adams() {
-            state.put(format!("{name}.decay"), &[2], vec![adam.decay.0, adam.decay.1]);
+        for (name, part) in [("actor", &self.networks.actor), ("critic", &self.networks.critic)] {
+            let (Part { network, adam }, widths) = (part, part.network.widths());
+            put(&mut state, name, widths, &network.parameters);
+            put(&mut state, &format!("{name}.mean"), widths, &adam.mean);
+            put(&mut state, &format!("{name}.square"), widths, &adam.square);
+            let Powers(first, second) = adam.powers;
+            state.put(format!("{name}.decay"), &[2], vec![first as f32, second as f32]);
         }
         state
     }
 
     fn restore(&mut self, mut state: State) -> Result<()> {
         self.counters = state.counters()?;
-        for (name, network) in self.optimiser.networks_mut() {
-            for (index, layer) in network.layers.iter_mut().enumerate() {
-                let shape = [layer.inputs, layer.outputs];
-                layer.weights = state.take_f32(&format!("{name}.{index}.weights"), &shape)?;
-                layer.biases = state.take_f32(&format!("{name}.{index}.biases"), &shape[1..])?;
-            }
-        }
-        for (name, adam) in self.optimiser.adams_mut() {
+        let ActorCritic { actor, critic } = &mut self.networks;
+        for (name, Part { network, adam }) in [("actor", actor), ("critic", critic)] {
+            let widths = network.widths().to_vec();
+            network.parameters = take(&mut state, name, &widths)?;
+            adam.mean = take(&mut state, &format!("{name}.mean"), &widths)?;
+            adam.square = take(&mut state, &format!("{name}.square"), &widths)?;
             let decay = state.take_f32(&format!("{name}.decay"), &[2])?;
-            adam.decay = (decay[0], decay[1]);
+            adam.powers = Powers(decay[0].into(), decay[1].into());
         }
         state.finish()
     }
@@ -204,55 +190,81 @@ impl Learner for PpoLearner {
     fn actors(&self) -> Actors {
         Actors {
             form: ActorForm {
-                observation: ObservationForm::Firmware,
-                output: OutputForm::Actions,
+                observation: OBSERVATION,
+                output: OUTPUT,
+                noise: 0.0,
                 min_vehicles: self.recipe.min_vehicles,
                 max_vehicles: self.recipe.max_vehicles,
             },
-            networks: vec![self.optimiser.actor.clone()],
+            networks: vec![self.networks.actor.network.clone()],
         }
     }
 }
 
+/// Puts a network's parameters, or their moments, into a state, layer by layer, weights `[inputs][outputs]`.
+fn put(state: &mut State, name: &str, widths: &[usize], parameters: &[f32]) {
+    let network = Network::new(widths, parameters.to_vec());
+    for (index, layer) in network.layers().enumerate() {
+        let shape = [layer.inputs, layer.outputs];
+        state.put(
+            format!("{name}.{index}.weights"),
+            &shape,
+            network.weights_by_inputs(index),
+        );
+        state.put(
+            format!("{name}.{index}.biases"),
+            &shape[1..],
+            layer.biases.to_vec(),
+        );
+    }
+}
+
+/// Takes them out again.
+fn take(state: &mut State, name: &str, widths: &[usize]) -> Result<Vec<f32>> {
+    let mut parameters = Vec::new();
+    for (index, shape) in widths.windows(2).enumerate() {
+        parameters.extend(state.take_f32(&format!("{name}.{index}.weights"), shape)?);
+        parameters.extend(state.take_f32(&format!("{name}.{index}.biases"), &shape[1..])?);
+    }
+    Ok(Network::by_inputs(widths, &parameters).parameters)
+}
+
+/// Inputs, hidden layers, actions.
+fn actor_widths(recipe: &Recipe) -> Vec<usize> {
+    [&[INPUTS], &recipe.hidden[..], &[ACTIONS]].concat()
+}
+
 /// An actor whose first decisions are draws from the recipe's first scores, whatever it sees.
 fn prior(recipe: &Recipe, stream: &mut Stream) -> Network {
-    let mut actor = Network::random(&widths(INPUTS, &recipe.hidden, ACTIONS), stream);
-    if let Some(last) = actor.layers.last_mut() {
-        last.weights.iter_mut().for_each(|weight| *weight *= 0.1);
-        let [silent, full_power, joiner] = recipe.first_scores;
-        last.biases.fill(joiner);
-        last.biases[Action::Silent as usize] = silent;
-        last.biases[Action::FullPower as usize] = full_power;
-    }
+    let mut actor = Network::random(&actor_widths(recipe), stream);
+    let (weights, biases) = actor.last_mut();
+    weights.iter_mut().for_each(|weight| *weight *= 0.1);
+    let [silent, full_power, joiner] = recipe.first_scores;
+    biases.fill(joiner);
+    biases[Action::Silent as usize] = silent;
+    biases[Action::FullPower as usize] = full_power;
     actor
 }
 
 /// The actor to go on from, with its scores made sharper or, so that it explores, blunter.
 fn first_actor(recipe: &Recipe) -> Result<Network> {
-    let folder = RunFolder::new(&recipe.first_actor);
-    if !folder.actors().exists() {
-        let found = format!("{}, which does not exist", folder.actors().display());
+    let path = recipe.first_actor.join(actor_file::NAME);
+    if !path.exists() {
+        let found = format!("{}, which does not exist", path.display());
         let expected = "the folder of a run, such as `trainer distil` leaves";
         return Err(Error::input("ppo.first_actor", found, expected));
     }
-    let actors = folder.read_actors()?;
+    let actors = actor_file::read(&path)?;
     let mut actor = actors.network(0).clone();
-    let (found, expected) = (actor.widths(), widths(INPUTS, &recipe.hidden, ACTIONS));
+    let (found, expected) = (actor.widths(), actor_widths(recipe));
     if !actors.shared() || found != expected {
         let found = format!("{} of widths {found:?}", actors.networks.len());
         let expected = format!("one of widths {expected:?} as ppo.hidden says");
-        return Err(Error::input(folder.actors().display(), found, expected));
+        return Err(Error::input(path.display(), found, expected));
     }
-    if let Some(last) = actor.layers.last_mut() {
-        let parameters = last.weights.iter_mut().chain(&mut last.biases);
-        parameters.for_each(|parameter| *parameter *= recipe.first_actor_sharpness);
+    let (weights, biases) = actor.last_mut();
+    for parameter in weights.iter_mut().chain(biases) {
+        *parameter *= recipe.first_actor_sharpness;
     }
     Ok(actor)
-}
-
-fn widths(inputs: usize, hidden: &[usize], outputs: usize) -> Vec<usize> {
-    let mut widths = vec![inputs];
-    widths.extend(hidden);
-    widths.push(outputs);
-    widths
 }

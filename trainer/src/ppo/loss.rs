@@ -1,5 +1,7 @@
 //! The two losses and their slopes: the actor's clipped surrogate with entropy, and the critic's Huber loss.
 
+use crate::network::categorical::{entropy, log_probability, softmax};
+
 /// What a sample adds to the means of an actor's step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActorTerms {
@@ -22,24 +24,6 @@ pub struct Taken {
     pub advantage: f32,
 }
 
-/// Probabilities of a softmax over outputs.
-pub fn softmax(outputs: &[f32], probabilities: &mut [f32]) {
-    let largest = outputs.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    let mut sum = 0.0;
-    for (probability, &output) in probabilities.iter_mut().zip(outputs) {
-        *probability = libm::expf(output - largest);
-        sum += *probability;
-    }
-    probabilities
-        .iter_mut()
-        .for_each(|probability| *probability /= sum);
-}
-
-/// Logarithm of a probability; one that underflowed counts as the smallest normal number.
-pub fn log_probability(probability: f32) -> f32 {
-    libm::logf(probability.max(f32::MIN_POSITIVE))
-}
-
 /// The clipped surrogate (Schulman et al., "Proximal policy optimization algorithms", 2017, eq. 7) less the weighted entropy
 /// (eq. 9) of one sample; `slope` becomes the gradient against the outputs.
 pub fn clipped_surrogate(
@@ -50,7 +34,7 @@ pub fn clipped_surrogate(
     slope: &mut [f32],
 ) -> ActorTerms {
     softmax(outputs, slope);
-    let entropy = -slope.iter().fold(0.0, |sum, &p| sum + p * log_probability(p));
+    let entropy = entropy(slope);
     let ratio = libm::expf(log_probability(slope[taken.action]) - taken.log_probability);
     let surrogate = ratio * taken.advantage;
     let bounded = ratio.clamp(1.0 - clip, 1.0 + clip) * taken.advantage;

@@ -7,15 +7,15 @@
 //! the last bit on any machine and any number of threads.
 
 pub mod advantage;
-pub mod cell;
 pub mod central;
 pub mod learner;
 pub mod loss;
-pub mod optimiser;
 mod recipe;
 pub mod rollout;
+pub mod rules;
 #[cfg(test)]
 mod tests;
+pub mod update;
 
 pub use learner::PpoLearner;
 pub use recipe::Recipe;

@@ -1,7 +1,7 @@
 //! How to learn.
 
-use super::cell::Costs;
-use super::optimiser::Rates;
+use super::rules::Costs;
+use super::update::Rates;
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
 use kit::error::{Error, Result};
 use kit::keys;

@@ -1,15 +1,16 @@
 //! The learner as a whole, on a toy and in the cell; its gradients against finite differences.
 
 use super::loss::{Taken, clipped_surrogate, huber};
-use super::optimiser::{Optimiser, Rates};
-use super::rollout::{Arena, play};
+use super::rollout::play;
+use super::update::{ActorCritic, Part, Rates};
 use super::{PpoLearner, Recipe};
-use crate::laboratory::configuration::{Algorithm, Configuration, Preset};
-use crate::laboratory::game::Game;
+use crate::configuration::{Algorithm, Configuration, Preset};
+use crate::game::Tally;
+use crate::game::toy::Turns;
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
-use crate::network::{Adam, Network};
-use crate::toy::Turns;
+use crate::network::Network;
+
 use host_sim::stream::Stream;
 use kit::error::Result;
 
@@ -27,54 +28,34 @@ fn recipe(settings: &[&str]) -> Recipe {
 /// The network's outputs in f64.
 fn outputs(network: &Network, input: &[f32]) -> Vec<f64> {
     let mut values: Vec<f64> = input.iter().map(|&value| f64::from(value)).collect();
-    for (index, layer) in network.layers.iter().enumerate() {
-        let next = (0..layer.outputs).map(|output| {
-            let products = values.iter().enumerate();
-            let sum: f64 = products
-                .map(|(input, value)| value * f64::from(layer.weights[input * layer.outputs + output]))
-                .sum();
-            let sum = sum + f64::from(layer.biases[output]);
-            if index + 1 < network.layers.len() {
-                sum.max(0.0)
-            } else {
-                sum
-            }
+    let last = network.layers().len() - 1;
+    for (index, layer) in network.layers().enumerate() {
+        let rows = layer.weights.chunks_exact(layer.inputs).zip(layer.biases);
+        let next = rows.map(|(row, &bias)| {
+            let products = row.iter().zip(&values);
+            let sum: f64 = products.map(|(&weight, value)| value * f64::from(weight)).sum();
+            let sum = sum + f64::from(bias);
+            if index < last { sum.max(0.0) } else { sum }
         });
         values = next.collect();
     }
     values
 }
 
-/// The parameter with this index, over all layers' weights and biases.
-fn parameter(network: &mut Network, mut index: usize) -> Option<&mut f32> {
-    for layer in &mut network.layers {
-        for parameters in [&mut layer.weights, &mut layer.biases] {
-            if index < parameters.len() {
-                return parameters.get_mut(index);
-            }
-            index -= parameters.len();
-        }
-    }
-    None
-}
-
 /// Compares a gradient with central differences of an independent loss in f64: distance over length.
-fn assert_gradient(network: &Network, gradient: &Network, loss: impl Fn(&Network) -> f64) {
+fn assert_gradient(network: &Network, gradient: &[f32], loss: impl Fn(&Network) -> f64) {
     let (mut distance, mut length) = (0.0, 0.0);
-    for index in 0.. {
+    for (index, &found) in gradient.iter().enumerate() {
         let mut changed = network.clone();
-        let Some(value) = parameter(&mut changed, index) else {
-            break;
-        };
-        let middle = *value;
+        let middle = changed.parameters[index];
         // Small, so that few units change between silence and activity.
         let (low, high) = (middle - 2e-5, middle + 2e-5);
-        *value = low;
+        changed.parameters[index] = low;
         let below = loss(&changed);
-        *parameter(&mut changed, index).unwrap() = high;
+        changed.parameters[index] = high;
         let slope = (loss(&changed) - below) / (f64::from(high) - f64::from(low));
-        let found = f64::from(*parameter(&mut gradient.clone(), index).unwrap());
-        distance += (slope - found) * (slope - found);
+        let distant = slope - f64::from(found);
+        distance += distant * distant;
         length += slope * slope;
     }
     let error = libm::sqrt(distance / length);
@@ -157,48 +138,6 @@ fn the_critics_gradient_is_that_of_finite_differences() {
     assert_gradient(&network, &gradient, loss);
 }
 
-/// The toy as an arena: an agent's reward is the mean over both, and the critic sees what the agent sees.
-struct Toy(Turns);
-
-impl Arena for Toy {
-    fn agents(&self) -> usize {
-        self.0.worlds() * self.0.agents()
-    }
-
-    fn observe(&mut self, inputs: &mut Vec<f32>, views: &mut Vec<f32>) {
-        let first = inputs.len();
-        inputs.resize(first + self.agents() * self.0.observation_length(), 0.0);
-        self.0.observe(&mut inputs[first..]);
-        views.extend_from_slice(&inputs[first..]);
-    }
-
-    fn step(&mut self, actions: &[u8], rewards: &mut Vec<f32>, weights: &mut Vec<f32>) {
-        let mut own = vec![0.0; self.agents()];
-        self.0.step(actions, &mut own);
-        for world in own.chunks_exact(self.0.agents()) {
-            let mean = world.iter().sum::<f32>() / world.len() as f32;
-            rewards.extend(world.iter().map(|_| mean * 0.1));
-            weights.extend(world.iter().map(|_| 1.0));
-        }
-    }
-}
-
-/// Mean global reward of the greedy actor over an episode from every start.
-fn greedy_reward(actor: &Network, slots: u32) -> f64 {
-    let mut game = Turns::new(16);
-    let width = game.observation_length();
-    let mut observations = vec![0.0; 32 * width];
-    let (mut rewards, mut sum) = (vec![0.0; 32], 0.0);
-    for _ in 0..slots {
-        game.observe(&mut observations);
-        let scores = observations.chunks_exact(width).map(|row| actor.forward(row));
-        let actions: Vec<u8> = scores.map(|scores| u8::from(scores[1] > scores[0])).collect();
-        game.step(&actions, &mut rewards);
-        sum += rewards.iter().map(|&reward| f64::from(reward)).sum::<f64>();
-    }
-    sum / 32.0 / f64::from(slots)
-}
-
 #[test]
 fn the_best_play_of_the_toy_is_found() {
     let recipe = recipe(&[
@@ -214,11 +153,9 @@ fn the_best_play_of_the_toy_is_found() {
             Network::random(&[9, 64, 2], &mut stream),
             Network::random(&[9, 32, 1], &mut stream),
         );
-        let mut optimiser = Optimiser {
-            actor_adam: Adam::new(&actor),
-            critic_adam: Adam::new(&critic),
-            actor,
-            critic,
+        let mut networks = ActorCritic {
+            actor: Part::new(actor),
+            critic: Part::new(critic),
         };
         for update in 0..400_u16 {
             let left = 1.0 - f32::from(update) / 400.0;
@@ -227,17 +164,17 @@ fn the_best_play_of_the_toy_is_found() {
                 critic: 1e-2 * left,
                 entropy: 2e-2 * left,
             };
-            let mut toy = Toy(Turns::new(128));
-            let experience = play(
-                &mut toy,
-                &optimiser.actor,
-                &optimiser.critic,
-                &recipe,
-                &mut stream,
-            );
-            let _ = optimiser.update(&experience, &recipe, rates, &mut stream);
+            // Rewards are a tenth of the mean over both, so that values are near one.
+            let mut toy = Turns::new(128).paying(true, 0.1);
+            let (actor, critic) = (&networks.actor.network, &networks.critic.network);
+            let tally = &mut Tally::default();
+            let experience = play(&mut toy, actor, critic, &recipe, &mut stream, tally);
+            let _ = networks.update(&experience, &recipe, rates, &mut stream);
         }
-        let (found, best) = (greedy_reward(&optimiser.actor, 20), Turns::best_reward(20));
+        let (found, best) = (
+            Turns::mean_age(20, |observed, _| networks.actor.network.forward(observed)),
+            Turns::best_age(20),
+        );
         assert!((found - best).abs() < 1e-9, "seed {seed}: {found} of {best}");
     }
 }

@@ -1,11 +1,14 @@
-//! The actions that an actor may have, and what they mean for each sub-channel.
+//! What agents may do, and what it means on each sub-channel.
 
+use crate::network::categorical::{draw, largest};
 use firmware::decision::ACTIONS;
+use firmware::form::OutputForm;
 use firmware::units::SUB_CHANNELS;
+use host_sim::stream::Stream;
 
-/// A form of action as critics see it: a vector, one-hot for actors that choose among few.
+/// The actions of an agent. Critics see one as a vector, one-hot where it is a choice; games take a choice as its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ActionSet {
+pub enum ActionSpace {
     /// The paper's two continuous values: sub-channel and power.
     Continuous,
     /// So many actions, all on the vehicle's home sub-channel: those of the firmware, or of a toy.
@@ -18,9 +21,39 @@ pub enum ActionSet {
 const KINDS: usize = 4;
 const ELSEWHERE: usize = 3;
 
-impl ActionSet {
-    /// The firmware's actions.
-    pub const FIRMWARE: Self = Self::Home(ACTIONS);
+impl From<OutputForm> for ActionSpace {
+    fn from(form: OutputForm) -> Self {
+        match form {
+            OutputForm::SubChannelAndPower => Self::Continuous,
+            OutputForm::Actions => Self::Home(ACTIONS),
+            OutputForm::SubChannels | OutputForm::SendingSubChannels => Self::SubChannels,
+        }
+    }
+}
+
+impl ActionSpace {
+    /// Appends the action of an actor with these outputs: greedy without a stream; with one a choice is drawn from the softmax of its
+    /// scores, and continuous values, which went through tanh, get Gaussian noise of this standard deviation.
+    pub fn act(self, outputs: &[f32], noise: f32, explore: Option<&mut Stream>, action: &mut Vec<f32>) {
+        match (self, explore) {
+            (Self::Continuous, None) => action.extend(outputs.iter().map(|&output| libm::tanhf(output))),
+            (Self::Continuous, Some(stream)) => action.extend(
+                outputs
+                    .iter()
+                    .map(|&output| (libm::tanhf(output) + noise * stream.normal() as f32).clamp(-1.0, 1.0)),
+            ),
+            (_, None) => action.push(largest(outputs) as f32),
+            (_, Some(stream)) => action.push(draw(outputs, stream) as f32),
+        }
+    }
+
+    /// Values of an action as a game takes it.
+    pub const fn values(self) -> usize {
+        match self {
+            Self::Continuous => 2,
+            Self::Home(_) | Self::SubChannels => 1,
+        }
+    }
 
     /// Length of an action as a vector, and of an actor's output.
     pub const fn length(self) -> usize {

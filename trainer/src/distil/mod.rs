@@ -1,17 +1,23 @@
 //! Distillation: a small network imitates the AoI clock by dataset aggregation (DAgger, Ross et al. 2011). The learner
 //! drives the cells, the clock says what it should have done there.
 
-use crate::network::{Adam, Network};
+pub mod table;
+
+use crate::forms::{as_float, best_action};
+use crate::game::start_ages;
+use crate::laboratory::random;
+use crate::network::Network;
+use crate::network::optimiser::{Adam, Step};
+use crate::network::perceptron::{Pass, Rows};
+use crate::network::product::Rounding;
 use firmware::clock;
 use firmware::decision::{ACTIONS, Action, PowerPlan};
-use firmware::observation::{INPUTS, ONE, Observation};
-use firmware::units::{Age, Level, SUB_CHANNELS};
+use firmware::observation::{INPUTS, Observation};
+use firmware::units::Level;
 use host_sim::decisions::Decisions;
-use host_sim::environment::Environment;
-use host_sim::mobility::Grid;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, Role, Stream, WorldKey};
+use host_sim::stream::{Purpose, Role, WorldKey};
 use rayon::prelude::*;
 
 /// How to distil. The defaults made the shipped table.
@@ -90,22 +96,6 @@ struct Samples {
     classes: Vec<u8>,
 }
 
-/// The encoded observation as the float network sees it.
-pub fn as_float<const LENGTH: usize>(input: &[i8; LENGTH]) -> [f32; LENGTH] {
-    input.map(|value| f32::from(value) / f32::from(ONE))
-}
-
-/// The action with the largest output; the first of equals, as in the firmware.
-pub fn best_action(outputs: &[f32]) -> Action {
-    let mut best = (Action::Silent, f32::NEG_INFINITY);
-    for (action, &output) in Action::ALL.into_iter().zip(outputs) {
-        if output > best.1 {
-            best = (action, output);
-        }
-    }
-    best.0
-}
-
 /// Distils the clock of `scenario`. The same recipe and scenario give the same network to the last bit, on any machine and any
 /// number of threads.
 pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Round)) -> Distilled {
@@ -115,13 +105,9 @@ pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Rou
         world,
     };
     let mut stream = key(u64::MAX).stream(Role::Policy, 0);
-    let widths: Vec<usize> = [INPUTS]
-        .into_iter()
-        .chain(recipe.hidden.iter().copied())
-        .chain([ACTIONS])
-        .collect();
+    let widths = [&[INPUTS], &recipe.hidden[..], &[ACTIONS]].concat();
     let mut network = Network::random(&widths, &mut stream);
-    let mut adam = Adam::new(&network);
+    let mut adam = Adam::new(network.parameters.len(), Rounding::Each);
     let mut rounds: Vec<Samples> = Vec::new();
     let total_steps = f64::from(recipe.iterations * recipe.steps);
     let mut loss = f32::NAN;
@@ -165,7 +151,12 @@ pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Rou
             let batch: Vec<&[f32]> = drawn.iter().map(|&index| inputs[index].as_slice()).collect();
             let targets: Vec<u8> = drawn.iter().map(|&index| classes[index]).collect();
             let (now, gradient) = network.cross_entropy_gradient(&batch, &targets);
-            adam.step(&mut network, &gradient, learning_rate);
+            adam.step(
+                &mut network.parameters,
+                &mut [],
+                &gradient,
+                Step::plain(learning_rate),
+            );
             loss += now / recipe.steps as f32;
         }
         progress(Round {
@@ -194,68 +185,37 @@ fn watch(
     scenario.cell.vehicles =
         recipe.min_vehicles + stream.below(recipe.max_vehicles - recipe.min_vehicles + 1);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
-    let mut cell = Environment::new(&scenario, &Grid, key.seed, key.purpose, key.world..key.world + 1);
-    let homes: Vec<Option<usize>> = (0..cell.vehicles())
-        .map(|vehicle| cell.broadcast(0, vehicle))
-        .map(|broadcast| broadcast.map(|broadcast| broadcast.home.index()))
-        .collect();
-    start_ages(&homes, &mut stream, |vehicle, age| cell.set_age(0, vehicle, age));
+    let mut cell = random::worlds(&scenario, key.seed, key.world..key.world + 1);
+    start_ages::for_every_load(&mut cell, &mut stream);
     let mut samples = Samples::default();
     let mut decisions = Decisions::new(1, cell.vehicles());
+    let mut pass = Pass::default();
     for _ in 0..recipe.slots {
         let expert_drives = stream.chance(expert_share);
+        let first = samples.inputs.len();
+        let mut observed = Vec::new();
         for &vehicle in cell.present() {
             let Some(measurement) = cell.measurement(0, vehicle) else {
                 continue;
             };
             let observation = Observation::new(&measurement);
-            let input = observation.encode(required);
-            let expert = clock::act(&observation, required);
+            samples.inputs.push(observation.encode(required));
+            samples.classes.push(clock::act(&observation, required) as u8);
+            observed.push((vehicle, observation));
+        }
+        let inputs: Vec<f32> = samples.inputs[first..].iter().flat_map(as_float).collect();
+        let _columns = network.forward_batch(Rows::all(&inputs, INPUTS), &mut pass);
+        let (scores, classes) = (pass.output_lines(), &samples.classes[first..]);
+        let each = observed.iter().zip(scores.chunks_exact(ACTIONS)).zip(classes);
+        for (((vehicle, observation), scores), &expert) in each {
             let action = if expert_drives {
-                expert
+                Action::ALL[usize::from(expert)]
             } else {
-                best_action(&network.forward(&as_float(&input)))
+                best_action(scores)
             };
-            decisions.set(0, vehicle, plan.decision(action, &observation));
-            samples.inputs.push(input);
-            samples.classes.push(expert as u8);
+            decisions.set(0, *vehicle, plan.decision(action, observation));
         }
         cell.step(&decisions);
     }
     samples
-}
-
-/// Start ages of one cell: all at the largest age, or everybody in turn (some of them lost), or uniform. `homes` says which group
-/// each vehicle is in.
-pub fn start_ages(homes: &[Option<usize>], stream: &mut Stream, mut set_age: impl FnMut(usize, Age)) {
-    let kind = stream.uniform();
-    if kind < 0.35 {
-        return;
-    }
-    let uniform = |stream: &mut Stream| Age::after(1 + stream.below(u32::from(Age::MAX.slots())));
-    let mut members: [Vec<usize>; SUB_CHANNELS] = Default::default();
-    for (vehicle, home) in homes.iter().enumerate() {
-        if let Some(home) = home {
-            members[*home].push(vehicle);
-        }
-    }
-    for group in &mut members {
-        shuffle(group, stream);
-        for (age, &vehicle) in (1..).zip(group.iter()) {
-            let lost = kind < 0.55 && stream.chance(0.1);
-            let age = if kind >= 0.65 || lost {
-                uniform(stream)
-            } else {
-                Age::after(age)
-            };
-            set_age(vehicle, age);
-        }
-    }
-}
-
-/// Fisher and Yates.
-pub fn shuffle(values: &mut [usize], stream: &mut Stream) {
-    for last in (1..values.len()).rev() {
-        values.swap(last, stream.below(last as u32 + 1) as usize);
-    }
 }

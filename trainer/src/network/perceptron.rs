@@ -1,16 +1,18 @@
-//! Dense layers with ReLU between them, forwards and backwards over a batch.
+//! The shape of a multilayer perceptron, and how a batch runs through it, forwards and backwards.
 //!
 //! Activations are `[unit][column]`, one column a sample: every product then runs over the batch, and weights are read once, as
 //! PyTorch keeps them (`[outputs][inputs]`).
 
-use crate::product::{Factor, Product, Rounding, Scratch, Start, transpose};
+use super::product::{Factor, Product, Rounding, Scratch, Start, transpose};
 use host_sim::stream::Stream;
 use std::ops::Range;
 
-/// Widths of a perceptron; its parameters are one slice: each layer's weights `[outputs][inputs]`, then its biases.
+/// Widths of dense layers with ReLU between them, and how their sums round. Parameters are one slice: each layer's weights
+/// `[outputs][inputs]`, then its biases.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Perceptron {
     widths: Vec<usize>,
+    rounding: Rounding,
 }
 
 /// One batch on its way through a perceptron. Buffers are kept between batches.
@@ -22,19 +24,63 @@ pub struct Pass {
     /// Slopes of the loss along the values, in the same layout.
     slopes: Vec<Vec<f32>>,
     lines: Vec<f32>,
+    ones: Vec<f32>,
     scratch: Scratch,
 }
 
-impl Perceptron {
-    /// From the inputs to the outputs.
-    pub fn new(inputs: usize, hidden: &[usize], outputs: usize) -> Self {
-        let widths = [inputs]
-            .into_iter()
-            .chain(hidden.iter().copied())
-            .chain([outputs]);
+/// Rows of values of which not all count.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    /// Row after row.
+    pub values: &'a [f32],
+    /// Distance from one row to the next.
+    pub stride: usize,
+    /// How many of a row's values count, from the first on.
+    pub width: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// All values of rows of this width.
+    pub fn all(values: &'a [f32], width: usize) -> Self {
         Self {
-            widths: widths.collect(),
+            values,
+            stride: width,
+            width,
         }
+    }
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.values.len() / self.stride
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// What counts of a row.
+    pub fn row(&self, index: usize) -> &'a [f32] {
+        &self.values[index * self.stride..][..self.width]
+    }
+}
+
+impl Perceptron {
+    /// From the inputs to the outputs; products and sums are rounded together.
+    pub fn new(inputs: usize, hidden: &[usize], outputs: usize) -> Self {
+        Self::of_widths(&[&[inputs], hidden, &[outputs]].concat())
+    }
+
+    /// From inputs, hidden widths and outputs in one list.
+    pub fn of_widths(widths: &[usize]) -> Self {
+        Self {
+            widths: widths.to_vec(),
+            rounding: Rounding::Fused,
+        }
+    }
+
+    /// The same with another rounding.
+    pub fn with_rounding(self, rounding: Rounding) -> Self {
+        Self { rounding, ..self }
     }
 
     /// Inputs, then each layer's outputs.
@@ -93,16 +139,12 @@ impl Perceptron {
             let (before, after) = pass.values.split_at_mut(layer + 1);
             let result = &mut after[0];
             result.resize(self.widths[layer + 1] * columns, 0.0);
+            let weights = Factor::Plain(&parameters[self.weights(layer)]);
+            let (inputs, shape) = (Factor::Plain(&before[layer]), [self.widths[layer], columns]);
             Product {
-                left: Factor::Plain(&parameters[self.weights(layer)]),
-                right: Factor::Plain(&before[layer]),
-                depth: self.widths[layer],
-                columns,
                 start: Start::Rows(&parameters[self.biases(layer)]),
                 rectify: layer + 1 < self.layers(),
-                rounding: Rounding::Fused,
-                result,
-                scratch: &mut pass.scratch,
+                ..Product::new(weights, inputs, shape, self.rounding, result, &mut pass.scratch)
             }
             .compute();
         }
@@ -123,45 +165,41 @@ impl Perceptron {
             let (before, after) = pass.slopes.split_at_mut(layer + 1);
             let slopes = &after[0];
             if let Some(gradient) = gradient.as_deref_mut() {
-                Product {
-                    left: Factor::Plain(slopes),
-                    right: Factor::Transposed(&pass.values[layer]),
-                    depth: columns,
-                    columns: inputs,
-                    start: Start::Zero,
-                    rectify: false,
-                    rounding: Rounding::Fused,
-                    result: &mut gradient[self.weights(layer)],
-                    scratch: &mut pass.scratch,
-                }
-                .compute();
-                for (bias, slopes) in gradient[self.biases(layer)]
-                    .iter_mut()
-                    .zip(slopes.chunks_exact(columns))
-                {
-                    *bias = sum(slopes);
-                }
+                let (left, right) = (Factor::Plain(slopes), Factor::Transposed(&pass.values[layer]));
+                let (shape, result) = ([columns, inputs], &mut gradient[self.weights(layer)]);
+                Product::new(left, right, shape, self.rounding, result, &mut pass.scratch).compute();
+                let biases = &mut gradient[self.biases(layer)];
+                self.sum_columns(slopes, biases, &mut pass.ones, &mut pass.scratch);
             }
             if layer > 0 || along_inputs {
                 let result = &mut before[layer];
                 result.resize(inputs * columns, 0.0);
-                Product {
-                    left: Factor::Transposed(&parameters[self.weights(layer)]),
-                    right: Factor::Plain(slopes),
-                    depth: outputs,
-                    columns,
-                    start: Start::Zero,
-                    rectify: false,
-                    rounding: Rounding::Fused,
-                    result,
-                    scratch: &mut pass.scratch,
-                }
-                .compute();
+                let weights = Factor::Transposed(&parameters[self.weights(layer)]);
+                let (slopes, shape) = (Factor::Plain(slopes), [outputs, columns]);
+                Product::new(weights, slopes, shape, self.rounding, result, &mut pass.scratch).compute();
                 if layer > 0 {
                     for (slope, &value) in result.iter_mut().zip(&pass.values[layer]) {
                         *slope = if value > 0.0 { *slope } else { 0.0 };
                     }
                 }
+            }
+        }
+    }
+
+    /// Sums of `[unit][column]` over the columns: from the first to the last where every sum is rounded by itself, otherwise in
+    /// parts side by side.
+    fn sum_columns(&self, values: &[f32], sums: &mut [f32], ones: &mut Vec<f32>, scratch: &mut Scratch) {
+        let columns = values.len() / sums.len();
+        match self.rounding {
+            Rounding::Fused => {
+                for (sum, values) in sums.iter_mut().zip(values.chunks_exact(columns)) {
+                    *sum = sum_in_parts(values);
+                }
+            }
+            Rounding::Each => {
+                ones.resize(columns, 1.0);
+                let (values, ones) = (Factor::Plain(values), Factor::Plain(ones));
+                Product::new(values, ones, [columns, 1], self.rounding, sums, scratch).compute();
             }
         }
     }
@@ -198,6 +236,12 @@ impl Pass {
         self.columns
     }
 
+    /// The largest of each layer's outputs over the batch, or 0.
+    pub fn largest(&self) -> impl Iterator<Item = f32> {
+        let layers = self.values.iter().skip(1);
+        layers.map(|values| values.iter().fold(0.0, |largest: f32, &value| largest.max(value)))
+    }
+
     /// The input, `[input][column]`.
     pub fn input_values(&self) -> &[f32] {
         self.values.first().map_or(&[], Vec::as_slice)
@@ -221,14 +265,36 @@ impl Pass {
         }
     }
 
+    /// The outputs as `[column][output]`.
+    pub fn output_lines(&self) -> Vec<f32> {
+        lines(self.output(), self.columns)
+    }
+
+    /// Sets the slopes along the outputs, given column after column.
+    pub fn set_output_slopes<'a>(&mut self, lines: impl Iterator<Item = &'a [f32]>) {
+        let columns = self.columns;
+        let slopes = self.output_slopes();
+        for (column, line) in lines.enumerate() {
+            for (index, &slope) in line.iter().enumerate() {
+                slopes[index * columns + column] = slope;
+            }
+        }
+    }
+
     /// Slopes along the inputs, `[input][column]`, after a backward run that asked for them.
     pub fn input_slopes(&self) -> &[f32] {
         self.slopes.first().map_or(&[], Vec::as_slice)
     }
 }
 
+/// `[unit][column]` as `[column][unit]`.
+pub fn lines(values: &[f32], columns: usize) -> Vec<f32> {
+    let column = |column| values.iter().skip(column).step_by(columns).copied();
+    (0..columns).flat_map(column).collect()
+}
+
 /// A sum in sixteen parts, so that it vectorises; the order is fixed.
-pub fn sum(values: &[f32]) -> f32 {
+fn sum_in_parts(values: &[f32]) -> f32 {
     let (chunks, rest) = values.as_chunks::<16>();
     let mut parts = [0.0_f32; 16];
     for chunk in chunks {

@@ -3,21 +3,43 @@
 use super::Recipe;
 use super::loss::{ActorTerms, Taken, clipped_surrogate, huber};
 use super::rollout::Experience;
-use crate::distil::shuffle;
-use crate::network::{Adam, Network};
+use crate::laboratory::random::shuffle;
+use crate::network::Network;
+use crate::network::optimiser::{Adam, Step, clip};
+use crate::network::product::Rounding;
 use host_sim::stream::Stream;
 
-/// The networks and their optimisers.
+/// A network with its optimiser.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Optimiser {
+pub struct Part {
+    /// The network.
+    pub network: Network,
+    /// Moments of its gradient.
+    pub adam: Adam,
+}
+
+impl Part {
+    /// That has not learned yet.
+    pub fn new(network: Network) -> Self {
+        Self {
+            adam: Adam::new(network.parameters.len(), Rounding::Each),
+            network,
+        }
+    }
+
+    fn step(&mut self, gradient: &[f32], step: Step) {
+        self.adam
+            .step(&mut self.network.parameters, &mut [], gradient, step);
+    }
+}
+
+/// What learns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ActorCritic {
     /// From an observation to the actions' scores.
-    pub actor: Network,
-    /// From a central view to a value.
-    pub critic: Network,
-    /// Moments of the actor's gradient.
-    pub actor_adam: Adam,
-    /// Moments of the critic's gradient.
-    pub critic_adam: Adam,
+    pub actor: Part,
+    /// From what is known of a vehicle to a value.
+    pub critic: Part,
 }
 
 /// How far to step.
@@ -46,7 +68,7 @@ pub struct Losses {
     pub steps: f64,
 }
 
-impl Optimiser {
+impl ActorCritic {
     /// Learns from `experience`, whose rows are shuffled by `stream` anew in each epoch.
     pub fn update(
         &mut self,
@@ -56,22 +78,21 @@ impl Optimiser {
         stream: &mut Stream,
     ) -> Losses {
         let advantages = normalised(&experience.advantages);
-        let (width, view_width) = (self.actor.layers[0].inputs, self.critic.layers[0].inputs);
+        let (observed, width) = (self.actor.network.widths()[0], self.critic.network.widths()[0]);
         let mut order: Vec<usize> = (0..experience.actions.len()).collect();
         let mut losses = Losses::default();
         for _ in 0..recipe.epochs {
             shuffle(&mut order, stream);
             for rows in order.chunks(recipe.minibatch) {
+                let known = rows.iter().map(|&row| &experience.known[row * width..][..width]);
+                let known: Vec<&[f32]> = known.collect();
                 if rates.actor > 0.0 {
-                    let inputs: Vec<&[f32]> = rows
-                        .iter()
-                        .map(|&row| &experience.inputs[row * width..][..width])
-                        .collect();
-                    let ([loss, entropy, clipped], mut gradient) =
-                        self.actor.gradient(&inputs, |index, outputs, slope| {
+                    let inputs: Vec<&[f32]> = known.iter().map(|known| &known[..observed]).collect();
+                    let ([loss, entropy, clipped], gradient) =
+                        self.actor.network.gradient(&inputs, |index, outputs, slope| {
                             let row = rows[index];
                             let taken = Taken {
-                                action: usize::from(experience.actions[row]),
+                                action: experience.actions[row] as usize,
                                 log_probability: experience.log_probabilities[row],
                                 advantage: advantages[row],
                             };
@@ -82,64 +103,26 @@ impl Optimiser {
                             } = clipped_surrogate(outputs, taken, recipe.clip, rates.entropy, slope);
                             [loss, entropy, clipped]
                         });
-                    let norm = gradient.norm() as f32;
-                    if norm > recipe.gradient_limit {
-                        gradient.scale(recipe.gradient_limit / norm);
-                    }
-                    self.actor_adam.step(&mut self.actor, &gradient, rates.actor);
+                    let step = Step {
+                        scale: clip(&gradient, recipe.gradient_limit),
+                        ..Step::plain(rates.actor)
+                    };
+                    self.actor.step(&gradient, step);
                     losses.actor += f64::from(loss);
                     losses.entropy += f64::from(entropy);
                     losses.clipped += f64::from(clipped);
                 }
-                let views: Vec<&[f32]> = rows
-                    .iter()
-                    .map(|&row| &experience.views[row * view_width..][..view_width])
-                    .collect();
-                let ([loss], gradient) = self.critic.gradient(&views, |index, outputs, slope| {
+                let ([loss], gradient) = self.critic.network.gradient(&known, |index, outputs, slope| {
                     let (loss, against_value) = huber(outputs[0], experience.targets[rows[index]]);
                     slope[0] = against_value;
                     [loss]
                 });
-                self.critic_adam.step(&mut self.critic, &gradient, rates.critic);
+                self.critic.step(&gradient, Step::plain(rates.critic));
                 losses.critic += f64::from(loss);
                 losses.steps += 1.0;
             }
         }
         losses
-    }
-
-    /// Everything in the shape of a network, by name: weights and moments.
-    pub fn networks(&self) -> [(&'static str, &Network); 6] {
-        [
-            ("actor", &self.actor),
-            ("actor.mean", &self.actor_adam.mean),
-            ("actor.square", &self.actor_adam.square),
-            ("critic", &self.critic),
-            ("critic.mean", &self.critic_adam.mean),
-            ("critic.square", &self.critic_adam.square),
-        ]
-    }
-
-    /// The same, to be changed.
-    pub fn networks_mut(&mut self) -> [(&'static str, &mut Network); 6] {
-        [
-            ("actor", &mut self.actor),
-            ("actor.mean", &mut self.actor_adam.mean),
-            ("actor.square", &mut self.actor_adam.square),
-            ("critic", &mut self.critic),
-            ("critic.mean", &mut self.critic_adam.mean),
-            ("critic.square", &mut self.critic_adam.square),
-        ]
-    }
-
-    /// The optimisers by name.
-    pub const fn adams(&self) -> [(&'static str, &Adam); 2] {
-        [("actor", &self.actor_adam), ("critic", &self.critic_adam)]
-    }
-
-    /// The same, to be changed.
-    pub const fn adams_mut(&mut self) -> [(&'static str, &mut Adam); 2] {
-        [("actor", &mut self.actor_adam), ("critic", &mut self.critic_adam)]
     }
 }
 

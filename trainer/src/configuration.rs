@@ -3,9 +3,9 @@
 //! A preset under `trainer/presets/` names its algorithm, has that algorithm's section with every key, and under `scenario`
 //! what differs from the simulator's preset that it starts from.
 
-use super::learner::Learner;
 use crate::evolution::{Evolution, EvolutionLearner};
-use crate::maddpg::learner::MaddpgLearner;
+use crate::laboratory::learner::Learner;
+use crate::maddpg::in_cell::MaddpgInCell;
 use crate::maddpg::options::Maddpg;
 use crate::ppo::{self, PpoLearner};
 use host_sim::scenario::{self, Scenario};
@@ -91,12 +91,12 @@ pub struct ConfigurationSource {
 impl Preset {
     const fn text(self) -> &'static str {
         match self {
-            Self::Evolution => include_str!("../../presets/evolution.toml"),
-            Self::Paper => include_str!("../../presets/paper.toml"),
-            Self::Companion => include_str!("../../presets/companion.toml"),
-            Self::Freshlane => include_str!("../../presets/freshlane.toml"),
-            Self::Ppo => include_str!("../../presets/ppo.toml"),
-            Self::FineTune => include_str!("../../presets/fine-tune.toml"),
+            Self::Evolution => include_str!("../presets/evolution.toml"),
+            Self::Paper => include_str!("../presets/paper.toml"),
+            Self::Companion => include_str!("../presets/companion.toml"),
+            Self::Freshlane => include_str!("../presets/freshlane.toml"),
+            Self::Ppo => include_str!("../presets/ppo.toml"),
+            Self::FineTune => include_str!("../presets/fine-tune.toml"),
         }
     }
 
@@ -192,7 +192,7 @@ impl Configuration {
                 evolution.clone(),
                 seed,
             ))),
-            Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgLearner::new(&self.scenario, maddpg, seed))),
+            Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgInCell::new(&self.scenario, maddpg, seed))),
             Algorithm::Ppo(recipe) => {
                 let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
                 Ok(Box::new(learner))

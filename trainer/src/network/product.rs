@@ -62,7 +62,7 @@ pub enum Start<'a> {
 pub enum Rounding {
     /// Product and sum are rounded once, together: fast.
     Fused,
-    /// The product is rounded, then the sum: the arithmetic of [`crate::network`].
+    /// The product is rounded, then the sum: the arithmetic that the shipped table was made with.
     Each,
 }
 
@@ -88,7 +88,29 @@ pub struct Product<'a> {
     pub scratch: &'a mut Scratch,
 }
 
-impl Product<'_> {
+impl<'a> Product<'a> {
+    /// The plain product, of which one may change what it starts from and how it ends.
+    pub fn new(
+        left: Factor<'a>,
+        right: Factor<'a>,
+        [depth, columns]: [usize; 2],
+        rounding: Rounding,
+        result: &'a mut [f32],
+        scratch: &'a mut Scratch,
+    ) -> Self {
+        Self {
+            left,
+            right,
+            depth,
+            columns,
+            start: Start::Zero,
+            rectify: false,
+            rounding,
+            result,
+            scratch,
+        }
+    }
+
     /// Computes the result.
     ///
     /// # Panics

@@ -1,0 +1,72 @@
+//! A distilled network as a weight table: from a seed to bytes.
+
+use super::{Recipe, Round, distil};
+use crate::export::{Header, table_bytes};
+use crate::laboratory::actors::{ActorForm, Actors};
+use crate::quantise::quantise;
+use firmware::form::{ObservationForm, OutputForm};
+use firmware::table::{Provenance, Table};
+use host_sim::command::options::parse_table;
+use host_sim::policy::power_plan;
+use host_sim::scenario::{Scenario, ScenarioSource};
+use kit::error::{Error, Result};
+
+/// A table and the network behind it.
+pub struct DistilledTable {
+    /// The float network.
+    pub actors: Actors,
+    /// Mean cross entropy of the last round.
+    pub loss: f32,
+    /// The table's bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// The scenario that the shipped table is distilled in: the paper's.
+///
+/// # Errors
+/// Never for the built-in preset.
+pub fn shipped_scenario() -> Result<Scenario> {
+    ScenarioSource::default().read()
+}
+
+/// Distils and quantises.
+///
+/// # Errors
+/// If the network cannot be quantised.
+pub fn distil_table(
+    scenario: &Scenario,
+    recipe: &Recipe,
+    provenance: Provenance,
+    progress: impl FnMut(Round),
+) -> Result<DistilledTable> {
+    let distilled = distil(scenario, recipe, progress);
+    let quantised = quantise(&distilled.network, distilled.inputs.as_flattened(), None)
+        .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
+    let form = ActorForm {
+        observation: ObservationForm::HomeFirst,
+        output: OutputForm::Actions,
+        noise: 0.0,
+        min_vehicles: recipe.min_vehicles,
+        max_vehicles: recipe.max_vehicles,
+    };
+    let header = Header {
+        observation_form: form.observation,
+        output_form: form.output,
+        max_vehicles: recipe.max_vehicles as u16,
+        required_sinr: scenario.radio.required_level(),
+        power_plan: power_plan(scenario),
+        provenance,
+    };
+    let bytes = table_bytes(&quantised, &header)
+        .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
+    // The firmware's own reader has the last word on what a table is.
+    let _: Table<'_> = parse_table(None, &bytes)?;
+    Ok(DistilledTable {
+        actors: Actors {
+            form,
+            networks: vec![distilled.network],
+        },
+        loss: distilled.loss,
+        bytes,
+    })
+}
