@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use super::burn::{Layers, Printed, slopes, tensor};
+use super::in_cell::MaddpgInCell;
 use super::learner::MaddpgLearner;
 use super::options::{Backend, Maddpg};
 use super::replay::Batch;
@@ -176,7 +177,7 @@ fn learned(learner: &MaddpgLearner) -> [Vec<&Learned>; 3] {
     ]
 }
 
-fn learner(backend: Backend) -> MaddpgLearner {
+fn learner(backend: Backend) -> MaddpgInCell {
     let settings = [
         "scenario.cell.vehicles=3",
         "maddpg.slots=50",
@@ -195,7 +196,8 @@ fn learner(backend: Backend) -> MaddpgLearner {
         "maddpg.age_cap=10",
         "maddpg.smoothing_clip=0.2",
     ];
-    let mut learner = MaddpgLearner::of_preset(Preset::Companion, &settings);
+    let mut cell = MaddpgInCell::of_preset(Preset::Companion, &settings);
+    let learner = &mut cell.learner;
     learner.options.backend = backend;
     // Twice as large as usual, so that they count beside the rewards.
     let local = learner
@@ -211,7 +213,7 @@ fn learner(backend: Backend) -> MaddpgLearner {
                 .collect(),
         );
     }
-    learner
+    cell
 }
 
 #[test]
@@ -220,16 +222,17 @@ fn both_backends_update_as_burn_and_adam_do_in_f64() {
         compare(learner(backend));
         // One twin may be the lesser for all samples: then the other way round the least is the other one.
         let mut swapped = learner(backend);
-        swapped.twins.swap(0, 1);
+        swapped.learner.twins.swap(0, 1);
         compare(swapped);
     }
 }
 
-fn compare(mut learner: MaddpgLearner) {
-    let mut oracle = Oracle::new(&learner);
+fn compare(mut cell: MaddpgInCell) {
+    let mut oracle = Oracle::new(&cell.learner);
     (0..2).for_each(|_| {
-        let _metrics = learner.advance();
+        let _metrics = cell.advance();
     });
+    let learner = &mut cell.learner;
     assert_eq!(learner.updates(), 0);
     learner.options.warm_up_slots = 0;
     let mut stream = random::initial(1, 1);
@@ -240,11 +243,11 @@ fn compare(mut learner: MaddpgLearner) {
             .replay
             .sample(SAMPLES, 1, learner.options.discount, &mut draws, &mut batch);
         let normals: Vec<f32> = batch.actions.iter().map(|_| draws.normal() as f32).collect();
-        let printed = Printed::new(&learner, &batch, DType::F64);
+        let printed = Printed::new(learner, &batch, DType::F64);
         learner.learn(&mut stream);
         oracle.learn(&learner.options, &printed, &normals);
         let groups = [&oracle.actors, &oracle.local_critics, &oracle.twins];
-        for (ours, theirs) in learned(&learner).iter().zip(groups) {
+        for (ours, theirs) in learned(learner).iter().zip(groups) {
             for (ours, theirs) in ours.iter().zip(theirs) {
                 theirs.compare(ours, update);
             }
