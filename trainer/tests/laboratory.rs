@@ -169,7 +169,8 @@ fn every_key_is_explained() {
     assert!(one.starts_with("maddpg.updates = \"episode\"\n  When networks learn."));
     assert!(one.contains("\n  \"slot\": Once after every slot, as the authors' companion code does."));
     assert!(one.contains("\n  in preset freshlane: \"slot\""));
-    assert_eq!(text("evolution").lines().count(), 1 + 9);
+    // Two lines of head, nine keys.
+    assert_eq!(text("evolution").lines().count(), 2 + 9);
     assert_eq!(
         refusal(trainer(&["explain", "maddpg.nois"])),
         "error: explain: found maddpg.nois, expected maddpg.noise, or another key"
