@@ -1,6 +1,6 @@
 //! Who decides: the firmware's actor, simple baselines, and the central scheduler as the bound in practice.
 //!
-//! A policy is one file here and one line in [`kinds!`]. Three sorts of deciders differ in what they may know, by type:
+//! A policy is one file here and one line in the list `kinds!`. Three sorts of deciders differ in what they may know, by type:
 //! a decentralised [`Policy`] gets what each vehicle [senses](crate::senses), a [`Scheduler`] what a base station
 //! [knows](Knowledge), an [`Oracle`] the [truth](Truth).
 
