@@ -5,10 +5,10 @@
 
 use crate::csv_rows::csv_rows;
 use crate::demand::Demand;
-use crate::network::{Link, Network};
+use crate::link::Link;
+use crate::network::Network;
 use crate::{Objective, problem};
 use kit::error::{Error, Result};
-use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -61,7 +61,7 @@ pub fn evaluate(
     let (mut beckmann, mut total_travel_time) = (0.0, 0.0);
     let (mut drivers_total, mut drivers_costs) = (0.0, Vec::with_capacity(links.len()));
     for (index, (link, &flow)) in links.iter().zip(link_flows).enumerate() {
-        crate::network::check_not_negative(&format!("link {}: volume", index + 1), flow)?;
+        crate::link::check_not_negative(&format!("link {}: volume", index + 1), flow)?;
         let (free, delay) = bpr_terms(network, link, flow);
         let power = if delay == 0.0 { 0.0 } else { link.power };
         total_travel_time += flow * (free + delay);
@@ -215,30 +215,56 @@ pub fn read_flows(path: &Path, network: &Network) -> Result<Vec<f64>> {
 /// # Errors
 /// As [`read_flows`].
 pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>> {
-    let mut link_flows = Vec::with_capacity(network.links().len());
-    for (place, line) in csv_rows(name, text, HEADER)? {
-        let Some(link) = network.links().get(link_flows.len()) else {
-            let expected = format!("{} rows, one per link", network.links().len());
-            return Err(Error::input(place, "one more row", expected));
-        };
-        let ends = [
-            network.node_name(link.init_node),
-            network.node_name(link.term_node),
-        ];
-        link_flows.push(parse_row(&place, line, ends)?);
-    }
-    if link_flows.len() != network.links().len() {
-        return Err(Error::input(
-            name,
-            format!("{} rows", link_flows.len()),
-            format!("{}, one per link", network.links().len()),
-        ));
-    }
-    Ok(link_flows)
+    let rows = csv_rows(name, text, HEADER)?.map(|(place, line)| parse_row(place, line));
+    volumes(name, rows, network)
 }
 
-/// The volume of one row, which must be that of the link between these nodes.
-fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f64> {
+/// One row of a flow file, its numbers checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlowRow {
+    /// What errors call it: file and line.
+    pub place: String,
+    /// Names of the nodes that the link leaves and enters.
+    pub nodes: [String; 2],
+    /// The link's flow.
+    pub volume: f64,
+}
+
+/// The volumes of a flow file's rows; `name` stands for the file in errors.
+///
+/// # Errors
+/// The first row's own error, and [`Error::Input`] for a row that is not the network's next link, or too few or too many
+/// rows.
+pub fn volumes(
+    name: &str,
+    rows: impl IntoIterator<Item = Result<FlowRow>>,
+    network: &Network,
+) -> Result<Vec<f64>> {
+    let all = network.links().len();
+    let mut volumes = Vec::with_capacity(all);
+    for row in rows {
+        let FlowRow { place, nodes, volume } = row?;
+        let Some(link) = network.links().get(volumes.len()) else {
+            let expected = format!("{all} rows, one per link");
+            return Err(Error::input(place, "one more row", expected));
+        };
+        let expected = [link.init_node, link.term_node].map(|node| network.node_name(node));
+        if nodes != expected {
+            let found = format!("link {} to {}", nodes[0], nodes[1]);
+            let expected = format!("{} to {}, the network's next", expected[0], expected[1]);
+            return Err(Error::input(place, found, expected));
+        }
+        volumes.push(volume);
+    }
+    if volumes.len() != all {
+        let expected = format!("{all}, one per link");
+        return Err(Error::input(name, format!("{} rows", volumes.len()), expected));
+    }
+    Ok(volumes)
+}
+
+/// One row of a CSV.
+fn parse_row(place: String, line: &str) -> Result<FlowRow> {
     let columns: Vec<&str> = line.split(',').map(str::trim).collect();
     let &[init_node, term_node, volume, cost] = columns.as_slice() else {
         return Err(Error::input(
@@ -247,13 +273,6 @@ fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f
             format!("4: {HEADER}"),
         ));
     };
-    if [init_node, term_node] != [from.as_ref(), to.as_ref()] {
-        return Err(Error::input(
-            place,
-            format!("link {init_node} to {term_node}"),
-            format!("{from} to {to}, the network's next"),
-        ));
-    }
     let number = |name: &str, text: &str| {
         let value = text.parse::<f64>().ok();
         value
@@ -267,5 +286,10 @@ fn parse_row(place: &str, line: &str, [from, to]: [Cow<'_, str>; 2]) -> Result<f
             })
     };
     number("cost", cost)?;
-    number("volume", volume)
+    let volume = number("volume", volume)?;
+    Ok(FlowRow {
+        place,
+        nodes: [init_node, term_node].map(str::to_owned),
+        volume,
+    })
 }

@@ -1,6 +1,6 @@
 //! Demand: how many vehicles go from each zone to each other one.
 
-use crate::network::check_not_negative;
+use crate::link::check_not_negative;
 use kit::error::{Error, Result};
 
 /// One entry of an origin-destination table.

@@ -15,7 +15,8 @@
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::csv_table::{CsvTable, Row};
 use crate::demand::{Demand, Trip};
-use crate::network::{CostWeights, Link, Names, Network, NodeNumbering};
+use crate::link::{CostWeights, Link, NodeNumbering};
+use crate::network::{Names, Network};
 use kit::error::{Error, Result};
 use std::collections::HashMap;
 use std::fmt::Write as _;

@@ -11,7 +11,8 @@
 //! row by row: `row * columns + column + 1`.
 
 use crate::demand::{Demand, Trip};
-use crate::network::{CostWeights, Link, Network, NodeNumbering};
+use crate::link::{CostWeights, Link, NodeNumbering};
+use crate::network::Network;
 use kit::error::{Error, Result};
 
 /// Most streets along either axis (chosen: a million intersections).

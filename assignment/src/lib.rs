@@ -49,6 +49,7 @@ pub mod gmns;
 pub mod grid;
 mod heap;
 mod line_search;
+pub mod link;
 mod link_rows;
 pub mod network;
 mod newton;
@@ -69,7 +70,8 @@ mod xml;
 
 pub use assigner::Assigner;
 pub use demand::Demand;
-pub use network::{CostWeights, Link, Names, Network, NodeNumbering};
+pub use link::{CostWeights, Link, NodeNumbering};
+pub use network::{Names, Network};
 pub use path_flows::PathFlow;
 pub use volume_delay::VolumeDelay;
 

@@ -1,6 +1,6 @@
 //! Links by the node they leave, in compressed rows, and which nodes no cheapest path passes through.
 
-use crate::network::{Link, NodeNumbering};
+use crate::link::{Link, NodeNumbering};
 
 /// A link seen from the node it leaves: nodes and links as indices from 0.
 #[derive(Debug, Clone, Copy)]

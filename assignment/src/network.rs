@@ -1,138 +1,11 @@
 //! The road network: directed links in file order, and the outgoing links of each node in compressed rows.
 
+use crate::link::{CostWeights, Link, NodeNumbering, check_not_negative};
 use crate::link_rows::{LinkRows, OutgoingLink, dead_ends};
 use crate::volume_delay::VolumeDelay;
 use kit::error::{Error, Result};
 use std::borrow::Cow;
 use std::collections::HashMap;
-
-/// More nodes than this are taken for a typing error rather than for a network.
-const NODE_LIMIT: u32 = 10_000_000;
-
-/// One directed link, as a network file states it. Units are the file's own; only costs must be in units of
-/// `free_flow_time`, and capacity in units of the demand.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Link {
-    /// Number of the node it leaves, from 1.
-    pub init_node: u32,
-    /// Number of the node it enters, from 1.
-    pub term_node: u32,
-    /// Flow at which the BPR function adds `b` times the free-flow time.
-    pub capacity: f64,
-    /// Length, which costs [`CostWeights::distance`] per unit.
-    pub length: f64,
-    /// Travel time of an empty link.
-    pub free_flow_time: f64,
-    /// BPR's B; 0 for a link that never congests.
-    pub b: f64,
-    /// BPR's power, not necessarily an integer.
-    pub power: f64,
-    /// Toll, which costs [`CostWeights::toll`] per unit.
-    pub toll: f64,
-}
-
-impl Link {
-    /// The link's volume-delay function with toll and distance weighed in.
-    ///
-    /// # Errors
-    /// [`Error::Input`] at `place` for an attribute that is negative or not finite, a capacity of 0 on a link that can
-    /// congest, or a coefficient `free_flow_time b / capacity^power` beyond floating point.
-    pub fn volume_delay(&self, weights: CostWeights, place: &str) -> Result<VolumeDelay> {
-        for (name, value) in [
-            ("capacity", self.capacity),
-            ("length", self.length),
-            ("free_flow_time", self.free_flow_time),
-            ("b", self.b),
-            ("power", self.power),
-            ("toll", self.toll),
-        ] {
-            check_not_negative(&format!("{place}: {name}"), value)?;
-        }
-        let congests = self.free_flow_time > 0.0 && self.b > 0.0 && self.power > 0.0;
-        if congests && self.capacity == 0.0 {
-            return Err(Error::input(
-                format!("{place}: capacity"),
-                0,
-                "a positive number where b, power and free_flow_time are positive",
-            ));
-        }
-        let fixed_cost = weights.toll * self.toll + weights.distance * self.length;
-        let delay = VolumeDelay::bpr(self.free_flow_time, self.b, self.capacity, self.power, fixed_cost);
-        if delay.is_finite() {
-            Ok(delay)
-        } else {
-            Err(Error::input(
-                place,
-                "a cost that overflows",
-                "attributes of a usual size",
-            ))
-        }
-    }
-}
-
-/// What a unit of toll and of distance costs, in units of time. Both 0 by default: cost is time.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct CostWeights {
-    /// Time per unit of toll.
-    pub toll: f64,
-    /// Time per unit of length.
-    pub distance: f64,
-}
-
-/// How nodes are numbered: zones first, from 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NodeNumbering {
-    /// Nodes 1 to `zones` are where trips start and end.
-    pub zones: u32,
-    /// Nodes 1 to `nodes` exist.
-    pub nodes: u32,
-    /// Nodes with a smaller number can start or end a trip, but no trip passes through them; 1 lets all be passed.
-    pub first_thru_node: u32,
-}
-
-impl NodeNumbering {
-    /// Checks that the three numbers make sense together.
-    ///
-    /// # Errors
-    /// [`Error::Input`] at `place` for no nodes, more than ten million, more zones than nodes, or a first thru node
-    /// outside 1 to nodes + 1.
-    pub fn check(&self, place: &str) -> Result<()> {
-        let Self {
-            zones,
-            nodes,
-            first_thru_node,
-        } = *self;
-        if !(1..=NODE_LIMIT).contains(&nodes) {
-            let expected = format!("1 to {NODE_LIMIT}");
-            return Err(Error::input(format!("{place}: NUMBER OF NODES"), nodes, expected));
-        }
-        if zones > nodes {
-            let expected = format!("at most the {nodes} nodes");
-            return Err(Error::input(format!("{place}: NUMBER OF ZONES"), zones, expected));
-        }
-        if !(1..=nodes + 1).contains(&first_thru_node) {
-            let expected = format!("1 to {}", nodes + 1);
-            return Err(Error::input(
-                format!("{place}: FIRST THRU NODE"),
-                first_thru_node,
-                expected,
-            ));
-        }
-        Ok(())
-    }
-
-    /// Checks that node `number` exists.
-    ///
-    /// # Errors
-    /// [`Error::Input`] at `place`, for the column `name`.
-    pub fn check_node(&self, place: &str, name: &str, number: u32) -> Result<()> {
-        if (1..=self.nodes).contains(&number) {
-            return Ok(());
-        }
-        let expected = format!("a node from 1 to {}", self.nodes);
-        Err(Error::input(format!("{place}: {name}"), number, expected))
-    }
-}
 
 /// What a file calls the nodes and zones that have numbers here.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -344,12 +217,4 @@ impl Network {
     pub(crate) fn term_node(&self, link: u32) -> u32 {
         self.term_nodes[link as usize]
     }
-}
-
-/// Refuses what is negative, infinite or not a number.
-pub fn check_not_negative(place: &str, value: f64) -> Result<()> {
-    if value.is_finite() && value >= 0.0 {
-        return Ok(());
-    }
-    Err(Error::input(place, value, "a finite number, not negative"))
 }

@@ -36,7 +36,7 @@ pub fn skims(network: &Network, link_costs: &[f64]) -> Result<Vec<Skim>> {
         return Err(Error::input("link costs", link_costs.len(), expected));
     }
     for (number, &cost) in (1..).zip(link_costs) {
-        crate::network::check_not_negative(&format!("link {number}: cost"), cost)?;
+        crate::link::check_not_negative(&format!("link {number}: cost"), cost)?;
     }
     let zones = network.numbering().zones;
     let weights = network.weights();

@@ -6,7 +6,8 @@
 
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
-use crate::network::{CostWeights, Link, Names, Network, NodeNumbering};
+use crate::link::{CostWeights, Link, NodeNumbering};
+use crate::network::{Names, Network};
 use crate::xml::{Element, Scan, elements};
 use kit::error::{Error, Result};
 use std::collections::HashMap;

@@ -6,7 +6,8 @@
 
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
-use crate::network::{CostWeights, Link, Network, NodeNumbering, check_not_negative};
+use crate::link::{CostWeights, Link, NodeNumbering, check_not_negative};
+use crate::network::Network;
 use kit::error::{Error, Result};
 use std::path::Path;
 use std::str::FromStr;

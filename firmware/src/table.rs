@@ -50,6 +50,7 @@ use crate::decision::{JOINER_LEVELS, PowerPlan};
 use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
 use crate::network::{MAX_LAYERS, MAX_WIDTH, Network, ReadError};
 use crate::units::{Dbm, Level, SUB_CHANNELS};
+use core::fmt::{Display, Formatter, from_fn};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// First bytes of a table.
@@ -115,28 +116,51 @@ impl From<ReadError> for TableError {
     }
 }
 
-impl core::fmt::Display for TableError {
-    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl TableError {
+    /// The field that does not fit.
+    pub const fn field_name(&self) -> &'static str {
         match self {
-            Self::Magic(found) => write!(
-                formatter,
-                "magic: found {found:02x?}, expected {MAGIC:02x?} (FLAT)"
-            ),
-            Self::Version(found) => write!(formatter, "version: found {found}, expected {VERSION}"),
-            Self::Length { header, found } => {
-                write!(
-                    formatter,
-                    "length: found {found} bytes, expected {header} as the header says"
-                )
-            }
-            Self::Checksum { stored, computed } => {
-                write!(
-                    formatter,
-                    "checksum: found {computed:#010x}, expected {stored:#010x} as stored: the table is damaged"
-                )
-            }
-            Self::Read(error) => error.fmt(formatter),
+            Self::Magic(_) => "magic",
+            Self::Version(_) => "version",
+            Self::Length { .. } => "length",
+            Self::Checksum { .. } => "checksum",
+            Self::Read(ReadError::Truncated { .. }) => "truncated",
+            Self::Read(ReadError::Field { name, .. }) => name,
         }
+    }
+
+    /// What stands there.
+    pub fn found(&self) -> impl Display {
+        from_fn(move |formatter| match self {
+            Self::Magic(found) => write!(formatter, "{found:02x?}"),
+            Self::Version(found) => write!(formatter, "{found}"),
+            Self::Length { found, .. } | Self::Read(ReadError::Truncated { found, .. }) => {
+                write!(formatter, "{found} bytes")
+            }
+            Self::Checksum { computed, .. } => write!(formatter, "{computed:#010x}"),
+            Self::Read(ReadError::Field { found, .. }) => write!(formatter, "{found}"),
+        })
+    }
+
+    /// What should stand there.
+    pub fn expected(&self) -> impl Display {
+        from_fn(move |formatter| match self {
+            Self::Magic(_) => write!(formatter, "{MAGIC:02x?} (FLAT)"),
+            Self::Version(_) => write!(formatter, "{VERSION}"),
+            Self::Length { header, .. } => write!(formatter, "{header} as the header says"),
+            Self::Checksum { stored, .. } => {
+                write!(formatter, "{stored:#010x} as stored: the table is damaged")
+            }
+            Self::Read(ReadError::Truncated { expected, .. }) => write!(formatter, "at least {expected}"),
+            Self::Read(ReadError::Field { expected, .. }) => write!(formatter, "{expected}"),
+        })
+    }
+}
+
+impl Display for TableError {
+    fn fmt(&self, formatter: &mut Formatter<'_>) -> core::fmt::Result {
+        let (name, found, expected) = (self.field_name(), self.found(), self.expected());
+        write!(formatter, "{name}: found {found}, expected {expected}")
     }
 }
 

@@ -1,11 +1,31 @@
 //! The cell around the firmware: base station, radio channel, age of information and traffic assignment.
 //!
+//! ```
+//! use host_sim::policy::clock;
+//! use host_sim::{ExperimentSource, Result};
+//!
+//! fn main() -> Result<()> {
+//!     let source = ExperimentSource {
+//!         policies: vec![&clock::KIND],
+//!         worlds: Some(4),
+//!         slots: Some(200),
+//!         ..ExperimentSource::default()
+//!     };
+//!     let results = source.read()?.results(|_| ())?;
+//!     assert!(results[0].ages.mean_ms < 10.0);
+//!     Ok(())
+//! }
+//! ```
+//!
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
-//! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), and [`simulation`]
-//! runs it. What ages mean for the road: [`capacity`], [`traffic`] and the crate [`assignment`]; [`closed_loop`] plans on the
-//! [`roads`] that vehicles report. Every random number comes from a keyed [`stream`], so a seed gives the same bytes on
-//! any machine and for any number of threads. [`pack`] orders a network's integers for the firmware's kernel, and
-//! [`deadline`] says what that takes on the chip.
+//! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), [`simulation`] runs it,
+//! and an [`experiment`] compares policies in it. What ages mean for the road: [`capacity`], [`traffic`] and the crate
+//! [`assignment`]; [`closed_loop`] plans on the [`roads`] that vehicles report. Every random number comes from a keyed
+//! [`stream`], so a seed gives the same bytes on any machine and for any number of threads. [`pack`] orders a network's
+//! integers for the firmware's kernel.
+//!
+//! The feature `program`, on by default, adds the command line with everything that only programs need: reports, sweeps, the
+//! chip's images in QEMU, and the files of other programs.
 
 #![allow(
     clippy::needless_range_loop,
@@ -16,15 +36,16 @@ pub mod age;
 pub mod base_station;
 pub mod capacity;
 pub mod channel;
-pub mod churn;
+mod churn;
 pub mod closed_loop;
-#[cfg(not(target_family = "wasm"))]
+#[cfg(feature = "program")]
 pub mod command;
-#[cfg(not(target_family = "wasm"))]
+#[cfg(feature = "program")]
 pub mod deadline;
 pub mod decisions;
 pub mod environment;
-#[cfg(not(target_family = "wasm"))]
+pub mod experiment;
+#[cfg(feature = "program")]
 pub mod hil;
 pub mod lanes;
 pub mod mobility;
@@ -32,7 +53,7 @@ pub mod pack;
 pub mod policy;
 pub mod presence;
 pub mod radio;
-#[cfg(not(target_family = "wasm"))]
+#[cfg(feature = "program")]
 pub mod report;
 pub mod revision;
 pub mod roads;
@@ -40,7 +61,19 @@ pub mod scenario;
 pub mod senses;
 pub mod simulation;
 pub mod stream;
-#[cfg(not(target_family = "wasm"))]
-pub mod sweep;
+#[cfg(feature = "program")]
+mod sweep;
+mod threads;
 pub mod traffic;
 pub mod truth;
+pub mod weight_table;
+
+pub use environment::Environment;
+pub use experiment::{Experiment, ExperimentSource, PolicyResult};
+pub use kit::error::{Error, Result};
+pub use mobility::MobilitySource;
+pub use policy::{Decider, KINDS, Kind, Policy, Scheduler};
+pub use scenario::{Preset, Scenario, ScenarioSource};
+pub use simulation::{Extent, Simulation};
+pub use threads::thread_pool;
+pub use weight_table::WeightTable;

@@ -2,6 +2,7 @@
 //! [`firmware::network`] what they are for.
 
 use firmware::network::{EVEN_ROW_LIMIT, Geometry, QUAD_ROWS};
+use kit::error::{Error, Result};
 
 /// One layer in plain integers; see [`firmware::network::DenseLayer`] for what they mean.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,46 +17,11 @@ pub struct IntegerLayer {
     pub weights: Vec<i8>,
 }
 
-/// Why a network has no packed form that computes the same.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum PackError {
-    /// An even row's accumulator can leave its 24 bits.
-    #[error(
-        "layer {layer} row {row}: found a sum of {sum} for some activations, expected less than 2^23 = 8388608 in \
-         magnitude for an even row: its weights are too large for {inputs} inputs"
-    )]
-    EvenRow {
-        /// Which layer, from 0.
-        layer: usize,
-        /// Which row, from 0.
-        row: usize,
-        /// The sum that is furthest from 0.
-        sum: i64,
-        /// The row's length.
-        inputs: usize,
-    },
-    /// Two weights do not fit a halfword.
-    #[error(
-        "layer {layer} row {row} input {input}: found a weight of -128 above {below}, expected at least -127: the two \
-         share a halfword"
-    )]
-    Halfword {
-        /// Which layer, from 0.
-        layer: usize,
-        /// The even row, from 0.
-        row: usize,
-        /// Which input, from 0.
-        input: usize,
-        /// The odd row's weight.
-        below: i8,
-    },
-}
-
 /// A table's layers: for each its biases, then its stream.
 ///
 /// # Errors
-/// [`PackError`] names the layer and row that do not fit.
-pub fn pack(layers: &[IntegerLayer]) -> Result<Vec<u8>, PackError> {
+/// [`Error::Input`] names the layer and row that have no packed form which computes the same.
+pub fn pack(layers: &[IntegerLayer]) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     for (index, layer) in layers.iter().enumerate() {
         let geometry = Geometry {
@@ -111,7 +77,8 @@ impl Row {
     }
 }
 
-fn check(layer: usize, first: usize, geometry: &Geometry, rows: &[Row; QUAD_ROWS]) -> Result<(), PackError> {
+/// Checks that an even row keeps to its 24 bits of accumulator, and that the weights of two rows share halfwords.
+fn check(layer: usize, first: usize, geometry: &Geometry, rows: &[Row; QUAD_ROWS]) -> Result<()> {
     let (least, greatest) = if geometry.first { (-128, 127) } else { (0, 255) };
     for (pair, rows) in rows.chunks_exact(2).enumerate() {
         let [even, odd] = rows else { continue };
@@ -119,21 +86,23 @@ fn check(layer: usize, first: usize, geometry: &Geometry, rows: &[Row; QUAD_ROWS
         let sum = even.worst_sum(least, greatest);
         // The firmware takes -2^23, too; one rule is simpler to say.
         if sum.abs() >= i64::from(EVEN_ROW_LIMIT) {
-            return Err(PackError::EvenRow {
-                layer,
-                row,
-                sum,
-                inputs: geometry.inputs,
-            });
+            let expected = format!(
+                "less than 2^23 = 8388608 in magnitude for an even row: its weights are too large for {} inputs",
+                geometry.inputs
+            );
+            return Err(Error::input(
+                format!("layer {layer} row {row}"),
+                format!("a sum of {sum} for some activations"),
+                expected,
+            ));
         }
         for (input, (&above, &below)) in even.weights.iter().zip(&odd.weights).enumerate() {
             if above == i8::MIN && below < 0 {
-                return Err(PackError::Halfword {
-                    layer,
-                    row,
-                    input,
-                    below,
-                });
+                return Err(Error::input(
+                    format!("layer {layer} row {row} input {input}"),
+                    format!("a weight of -128 above {below}"),
+                    "at least -127: the two share a halfword",
+                ));
             }
         }
     }

@@ -9,6 +9,7 @@ use assignment::{Demand, Network, Options, assign};
 use firmware::units::Age;
 use kit::error::Result;
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
 /// Relative gap of every equilibrium here (chosen: flows are then good to about 1e-6 veh/h on the paper's grid).
 const RELATIVE_GAP: f64 = 1e-10;
@@ -31,6 +32,19 @@ pub struct TrafficSummary {
     pub stale: TrafficState,
     /// The same roads, planned with what is true. Means over worlds.
     pub informed: TrafficState,
+}
+
+impl TrafficSummary {
+    /// The summary as JSON.
+    pub fn to_json(&self) -> Value {
+        json!({
+            "uniform_mean_v_over_c": self.uniform.mean_volume_over_capacity,
+            "uniform_mean_link_time_s": self.uniform.mean_link_time,
+            "per_road_mean_v_over_c": self.stale.mean_volume_over_capacity,
+            "per_road_mean_trip_time_s": self.stale.mean_trip_time,
+            "informed_mean_trip_time_s": self.informed.mean_trip_time,
+        })
+    }
 }
 
 /// Age of what the base station knows of each road in one world, in ms.

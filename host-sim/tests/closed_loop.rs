@@ -3,11 +3,11 @@
 
 use firmware::table::Table;
 use host_sim::closed_loop::{LoopSummary, closed_loop};
-use host_sim::command::options::thread_pool;
 use host_sim::mobility::Grid;
 use host_sim::policy::{Kind, actor, aloha, always, clock};
 use host_sim::scenario::ScenarioSource;
 use host_sim::simulation::{Extent, Simulation};
+use host_sim::thread_pool;
 
 fn run(settings: &[&str], policies: &[&'static Kind], threads: u16) -> kit::error::Result<LoopSummary> {
     let settings = settings.iter().map(|&setting| setting.to_owned()).collect();

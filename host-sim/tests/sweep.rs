@@ -362,8 +362,9 @@ fn bad_grids_and_shards_are_one_line_each() {
         "error: grid.toml: point 3 (radio.max_power_dbm=23, policy=actor): radio.max_power_dbm: found 23, expected 30 dBm \
          as in the table"
     );
-    assert!(with("worlds = 0\n").contains("invalid value '0' for '--worlds"));
-    assert!(with("policy = \"oracle\"\n").contains("invalid value 'oracle' for '--policy"));
+    assert!(with("worlds = 0\n").ends_with("worlds: found 0, expected 1 to 1000000"));
+    assert!(with("policy = \"oracle\"\n").contains("policy: found \"oracle\", expected \"actor\", "));
+    assert!(with("slots = 5000000000\n").ends_with("slots: found 5000000000, expected 0 to 4294967295"));
     assert_eq!(
         with("table = \"no.bin\"\n"),
         "error: no.bin: No such file or directory (os error 2)"

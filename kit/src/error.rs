@@ -41,19 +41,6 @@ impl Error {
         }
     }
 
-    /// Input whose error says by itself "field: found this, expected that".
-    pub fn of_text(place: impl std::fmt::Display, text: &str) -> Self {
-        let (field, rest) = text.split_once(": found ").unwrap_or(("", text));
-        let (found, expected) = rest.split_once(", expected ").unwrap_or((rest, "another"));
-        let place = place.to_string();
-        let place = if field.is_empty() {
-            place
-        } else {
-            format!("{place}: {field}")
-        };
-        Self::input(place, found, expected)
-    }
-
     /// The same, with what holds its place named before it. A file's path is whole already.
     pub fn within(self, outer: impl std::fmt::Display) -> Self {
         match self {

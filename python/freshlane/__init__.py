@@ -8,19 +8,21 @@ sense, whether and how loudly to send, so that what the base station knows stays
 * `evaluate`: a policy on held-out worlds, with the command line's protocol and numbers.
 * `Table`, `export`: the firmware's frozen int8 networks, and how a torch network becomes one.
 * `read_actor`: a network of the trainer as a torch module.
+* `read_trace`: recorded vehicles, SUMO's floating-car data.
 * `assign`: static traffic assignment from arrays.
 * `Scenario`: the same presets, files and settings as on the command line.
 
 Everything is computed by the simulator, trainer and firmware library that the command line and the chip run.
 """
 
-from ._native import Assignment, Evaluation, Scenario, Table
+from ._native import Assignment, Evaluation, Scenario, Table, Trace
 from .actor import read_actor
 from .assignment import assign
 from .batch import ACTIONS, INPUTS, ONE, SUB_CHANNELS, BatchEnvironment
 from .evaluation import POLICIES, evaluate
 from .export import Export, export
 from .parallel import ParallelEnvironment, parallel_env
+from .trace import read_trace
 
 __all__ = [
     "ACTIONS",
@@ -35,9 +37,11 @@ __all__ = [
     "ParallelEnvironment",
     "Scenario",
     "Table",
+    "Trace",
     "assign",
     "evaluate",
     "export",
     "parallel_env",
     "read_actor",
+    "read_trace",
 ]

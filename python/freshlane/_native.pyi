@@ -13,6 +13,8 @@ __all__ = [
     "FloatNetwork",
     "Scenario",
     "Table",
+    "Trace",
+    "TraceReader",
     "assign_arrays",
     "evaluate_policy",
     "native_loop",
@@ -60,6 +62,21 @@ class Table:
     def act(self, observations: NDArray[np.int8]) -> NDArray[np.uint8]: ...
 
 @final
+class Trace:
+    @property
+    def vehicles(self) -> list[str]: ...
+    @property
+    def slots(self) -> int: ...
+
+@final
+class TraceReader:
+    def __new__(cls, name: str) -> TraceReader: ...
+    def open(self, line: int, tag: str, attributes: dict[str, str]) -> None: ...
+    def close(self) -> None: ...
+    def text(self, line: int, text: str) -> None: ...
+    def finish(self, line: int) -> Trace: ...
+
+@final
 class Evaluation:
     @property
     def policy(self) -> str: ...
@@ -97,7 +114,7 @@ def evaluate_policy(
     policy: str,
     table: Table,
     scenario: Scenario,
-    mobility: str,
+    trace: Trace | None,
     worlds: int,
     slots: int,
     warmup: int,
@@ -109,7 +126,7 @@ class Batch:
     def __new__(
         cls,
         scenario: Scenario,
-        mobility: str,
+        trace: Trace | None,
         worlds: int,
         seed: int,
         reward: str,
@@ -118,7 +135,7 @@ class Batch:
     @staticmethod
     def held_out(
         scenario: Scenario,
-        mobility: str,
+        trace: Trace | None,
         worlds: int,
         slots: int,
         warmup: int,

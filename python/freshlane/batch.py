@@ -9,7 +9,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arguments
-from ._native import Batch, Scenario, Table
+from ._native import Batch, Scenario, Table, Trace
+from .trace import mobility_of
 
 INPUTS = 20
 """Length of an encoded observation."""
@@ -54,7 +55,8 @@ class BatchEnvironment:
         slots: length of an episode in slots, or None for one without end.
         encoding: what `reset` and `step` return, the firmware's "int8" codes or these over 64 as "float32".
         reward: "own", minus the vehicle's own age after the slot over 100 slots, or "team", the mean of these in its world.
-        mobility: "grid", or a file of SUMO floating-car data; an absent vehicle's values are 0, its action counts for nothing.
+        mobility: "grid", a file of SUMO floating-car data (.xml, .xml.gz), or what `read_trace` made of it; an absent vehicle's
+            values are 0, its action counts for nothing.
         threads: worker threads; one a core without it, and with 1 the caller's own.
 
     Raises:
@@ -71,13 +73,13 @@ class BatchEnvironment:
         slots: int | None = 1000,
         encoding: Encoding = "int8",
         reward: Reward = "own",
-        mobility: str = "grid",
+        mobility: str | Trace = "grid",
         threads: int | None = None,
     ) -> None:
         if slots is not None and slots < 1:
             raise ValueError(f"slots: found {slots}, expected at least 1, or None")
         single = observation_space(encoding)
-        self._batch = Batch(scenario or Scenario(), mobility, worlds, seed, reward, threads)
+        self._batch = Batch(scenario or Scenario(), mobility_of(mobility), worlds, seed, reward, threads)
         self._fresh = True
         self._slots = slots
         self.encoding: Encoding = encoding

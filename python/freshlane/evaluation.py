@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arguments
-from ._native import Batch, Evaluation, Scenario, Table, evaluate_policy, policies
+from ._native import Batch, Evaluation, Scenario, Table, Trace, evaluate_policy, policies
 from .batch import ACTIONS
+from .trace import mobility_of
 
 POLICIES: dict[str, str] = dict(policies())
 """The simulator's own policies with what each does; "actor" is the shipped table."""
@@ -27,7 +28,7 @@ def evaluate(
     slots: int = 2000,
     warmup: int = 500,
     seed: int = 1,
-    mobility: str = "grid",
+    mobility: str | Trace = "grid",
     threads: int | None = None,
 ) -> Evaluation:
     """Runs a policy on held-out worlds; no training world is among them, whatever the seeds.
@@ -44,7 +45,7 @@ def evaluate(
         slots: slots of 1 ms that count.
         warmup: slots before them.
         seed: which held-out worlds.
-        mobility: "grid", or a file of SUMO floating-car data.
+        mobility: "grid", a file of SUMO floating-car data (.xml, .xml.gz), or what `read_trace` made of it.
         threads: worker threads; one a core without it. The numbers do not depend on it.
 
     Raises:
@@ -52,17 +53,15 @@ def evaluate(
         ValueError: an argument out of range, a table for another power, C_min or for fewer vehicles, or actions of another
             shape or out of range.
     """
-    scenario = scenario or Scenario()
+    scenario, trace = scenario or Scenario(), mobility_of(mobility)
     if isinstance(policy, str):
-        return evaluate_policy(
-            policy, Table.shipped(), scenario, mobility, worlds, slots, warmup, seed, threads
-        )
+        return evaluate_policy(policy, Table.shipped(), scenario, trace, worlds, slots, warmup, seed, threads)
     if isinstance(policy, Table):
-        return evaluate_policy("actor", policy, scenario, mobility, worlds, slots, warmup, seed, threads)
+        return evaluate_policy("actor", policy, scenario, trace, worlds, slots, warmup, seed, threads)
     if not callable(policy):
         expected = "a name, a Table, a torch module or a function"
         raise TypeError(f"policy: found {type(policy).__name__}, expected {expected}")
-    batch = Batch.held_out(scenario, mobility, worlds, slots, warmup, seed, threads)
+    batch = Batch.held_out(scenario, trace, worlds, slots, warmup, seed, threads)
     act = _module_policy(policy, batch) if _is_module(policy) else policy
     for _ in range(warmup + slots):
         batch.step(_arguments.actions(act(batch.observations)))

@@ -6,15 +6,34 @@ use firmware::units::{Age, SUB_CHANNELS};
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::policy::actor::Encoder;
+use kit::choice::Choice;
 use pyo3::prelude::*;
 
 /// What a vehicle is rewarded for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reward {
     /// Its own age.
     Own,
     /// The mean age of its world's vehicles.
     Team,
+}
+
+impl Choice for Reward {
+    const ALL: &'static [Self] = &[Self::Own, Self::Team];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Own => "own",
+            Self::Team => "team",
+        }
+    }
+
+    fn meaning(self) -> &'static str {
+        match self {
+            Self::Own => "Its own age",
+            Self::Team => "The mean age of its world's vehicles",
+        }
+    }
 }
 
 /// Every array of a batch. An absent vehicle's values are 0.

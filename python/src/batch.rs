@@ -3,15 +3,16 @@
 use crate::arrays::Reward;
 use crate::error::{exception, in_c_order, value_error};
 use crate::evaluation::Evaluation;
-use crate::scenario::{Scenario, Setting, names};
+use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
+use crate::trace::Trace;
 use crate::worlds::Worlds;
-use clap::ValueEnum;
 use firmware::decision::Action;
 use firmware::units::SUB_CHANNELS;
 use host_sim::policy::actor;
 use host_sim::simulation::Extent;
 use host_sim::stream::Purpose;
+use kit::choice::Choice as _;
 use numpy::{Element, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::fmt::Display;
@@ -40,19 +41,18 @@ pub enum Actions<'py> {
 impl Batch {
     /// Training worlds of a seed, before their first slot.
     #[new]
-    #[pyo3(signature = (scenario, mobility, worlds, seed, reward, threads))]
+    #[pyo3(signature = (scenario, trace, worlds, seed, reward, threads))]
     fn new(
         py: Python<'_>,
         scenario: &Scenario,
-        mobility: &str,
+        trace: Option<&Trace>,
         worlds: u32,
         seed: u64,
         reward: &str,
         threads: Option<u16>,
     ) -> PyResult<Self> {
-        let reward = Reward::from_str(reward, false)
-            .map_err(|_| value_error("reward", format!("\"{reward}\""), names::<Reward>()))?;
-        let setting = Setting::new(scenario, mobility)?;
+        let reward = Reward::of_name("reward", reward).map_err(exception)?;
+        let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Training;
         Ok(Self {
             worlds: Worlds::new(py, setting, purpose, seed, worlds, reward, threads)?,
@@ -62,12 +62,12 @@ impl Batch {
 
     /// Held-out worlds whose ages are recorded.
     #[staticmethod]
-    #[pyo3(signature = (scenario, mobility, worlds, slots, warmup, seed, threads))]
+    #[pyo3(signature = (scenario, trace, worlds, slots, warmup, seed, threads))]
     #[allow(clippy::too_many_arguments, reason = "Python passes keywords")]
     fn held_out(
         py: Python<'_>,
         scenario: &Scenario,
-        mobility: &str,
+        trace: Option<&Trace>,
         worlds: u32,
         slots: u32,
         warmup: u32,
@@ -75,7 +75,7 @@ impl Batch {
         threads: Option<u16>,
     ) -> PyResult<Self> {
         let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
-        let setting = Setting::new(scenario, mobility)?;
+        let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Evaluation;
         let mut worlds = Worlds::new(py, setting, purpose, seed, worlds, Reward::Own, threads)?;
         worlds.check_slots(extent.slots_per_world())?;

@@ -3,10 +3,12 @@
 use crate::error::{check_range, exception};
 use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
+use crate::trace::Trace;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::thread_pool;
+use host_sim::experiment::{SLOTS, WARMUP, WORLDS};
 use host_sim::policy::{KINDS, Kind};
 use host_sim::simulation::{Extent, Simulation};
+use host_sim::thread_pool;
 use kit::choice::Choice as _;
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -97,9 +99,13 @@ impl Evaluation {
 /// # Errors
 /// `ValueError` with the number out of range.
 pub fn extent(worlds: u32, slots: u32, warmup: u32, seed: u64) -> PyResult<Extent> {
-    check_range("worlds", worlds.into(), 1, 1_000_000)?;
-    check_range("slots", slots.into(), 1, 100_000_000)?;
-    check_range("warmup", warmup.into(), 0, 100_000_000)?;
+    for (name, value, range) in [
+        ("worlds", worlds, WORLDS),
+        ("slots", slots, SLOTS),
+        ("warmup", warmup, WARMUP),
+    ] {
+        check_range(name, value.into(), (*range.start()).into(), (*range.end()).into())?;
+    }
     Ok(Extent {
         seed,
         worlds,
@@ -116,14 +122,14 @@ pub fn policies() -> Vec<(&'static str, &'static str)> {
 
 /// Runs one of the simulator's own policies; "actor" takes the table.
 #[pyfunction]
-#[pyo3(signature = (policy, table, scenario, mobility, worlds, slots, warmup, seed, threads))]
+#[pyo3(signature = (policy, table, scenario, trace, worlds, slots, warmup, seed, threads))]
 #[allow(clippy::too_many_arguments, reason = "Python passes keywords")]
 pub fn evaluate_policy(
     py: Python<'_>,
     policy: &str,
     table: &Table,
     scenario: &Scenario,
-    mobility: &str,
+    trace: Option<&Trace>,
     worlds: u32,
     slots: u32,
     warmup: u32,
@@ -132,7 +138,7 @@ pub fn evaluate_policy(
 ) -> PyResult<Evaluation> {
     let kind = <&'static Kind>::of_name("policy", policy).map_err(exception)?;
     let extent = extent(worlds, slots, warmup, seed)?;
-    let setting = Setting::new(scenario, mobility)?;
+    let setting = Setting::new(scenario, trace)?;
     let table = table.parse()?;
     let pool = thread_pool(threads).map_err(exception)?;
     let simulation = Simulation {

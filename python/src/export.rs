@@ -8,16 +8,15 @@ use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_LAYERS;
 use firmware::observation::{INPUTS, Observation};
 use firmware::table::Provenance;
-use host_sim::command::options::thread_pool;
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::policy::power_plan;
 use host_sim::simulation::Simulation;
 use host_sim::stream::Purpose;
+use host_sim::thread_pool;
 use numpy::{
     IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use trainer::evaluate::compare;
@@ -90,7 +89,7 @@ impl FloatNetwork {
         scenario: &Scenario,
         seed: u64,
     ) -> PyResult<Bound<'py, PyArray2<i8>>> {
-        let setting = Setting::new(scenario, "grid")?;
+        let setting = Setting::new(scenario, None)?;
         let watched: Vec<Vec<[i8; INPUTS]>> = py.detach(|| {
             let worlds = (0..CALIBRATION_WORLDS).into_par_iter();
             worlds.map(|world| self.watch(&setting, seed, world)).collect()
@@ -112,10 +111,6 @@ impl FloatNetwork {
         seed: u64,
     ) -> PyResult<Table> {
         check_range("max_vehicles", max_vehicles.into(), 1, 300)?;
-        // What errors of quantising and packing say is whole.
-        let refuse = |error: String| PyValueError::new_err(format!("network: {error}"));
-        let quantised = quantise(&self.inner, input_rows(&calibration)?.as_flattened(), None)
-            .map_err(|error| refuse(error.to_string()))?;
         let scenario = &scenario.inner;
         let header = Header {
             observation_form: ObservationForm::HomeFirst,
@@ -130,8 +125,10 @@ impl FloatNetwork {
                 modified: false,
             },
         };
-        let bytes = table_bytes(&quantised, &header).map_err(|error| refuse(error.to_string()))?;
-        Table::checked(bytes, None)
+        let bytes = quantise(&self.inner, input_rows(&calibration)?.as_flattened(), None)
+            .and_then(|quantised| table_bytes(&quantised, &header))
+            .map_err(|error| exception(error.within("network")))?;
+        Table::new("table", bytes)
     }
 
     /// On held-out worlds: the fraction of decisions on which float and int8 agree along the float network's trajectories, the
@@ -150,7 +147,7 @@ impl FloatNetwork {
         threads: Option<u16>,
     ) -> PyResult<(f64, f64, f64)> {
         let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
-        let setting = Setting::new(scenario, "grid")?;
+        let setting = Setting::new(scenario, None)?;
         let simulation = Simulation {
             scenario: &setting.scenario,
             source: setting.source.as_ref(),

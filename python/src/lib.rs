@@ -13,6 +13,7 @@ mod scenario;
 mod shared_array;
 mod speed;
 mod table;
+mod trace;
 mod worlds;
 
 #[pyo3::pymodule]
@@ -31,4 +32,6 @@ mod _native {
     use crate::speed::native_loop;
     #[pymodule_export]
     use crate::table::Table;
+    #[pymodule_export]
+    use crate::trace::{Trace, TraceReader};
 }

@@ -1,8 +1,8 @@
 //! Scenarios: the same presets, files and settings as on the command line.
 
 use crate::error::{exception, value_error};
-use clap::ValueEnum;
-use host_sim::mobility::{MobilitySource, read_source};
+use crate::trace::Trace;
+use host_sim::mobility::{Grid, MobilitySource};
 use host_sim::scenario::{self, Preset, ScenarioSource, nearest_key};
 use kit::choice::Choice as _;
 use kit::keys::listed;
@@ -38,6 +38,7 @@ impl Scenario {
             preset,
             file,
             settings: lines,
+            ..ScenarioSource::default()
         };
         let inner = source.read().map_err(exception)?;
         Ok(Self { inner })
@@ -81,21 +82,17 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// A scenario with "grid" or a file of SUMO floating-car data.
+    /// A scenario with the vehicles of a trace, or of the urban grid.
     ///
     /// # Errors
-    /// What is wrong with the file, or a trace that never comes near the base station.
-    pub fn new(scenario: &Scenario, mobility: &str) -> PyResult<Self> {
+    /// `ValueError` for a trace that never comes near the base station.
+    pub fn new(scenario: &Scenario, trace: Option<&Trace>) -> PyResult<Self> {
         let scenario = scenario.inner.clone();
-        let source = read_source(mobility).map_err(exception)?;
+        let source: Box<dyn MobilitySource> = match trace {
+            None => Box::new(Grid),
+            Some(trace) => Box::new(trace.inner.clone()),
+        };
         source.check(&scenario).map_err(exception)?;
         Ok(Self { scenario, source })
     }
-}
-
-/// The names of an enumeration's values, for errors.
-pub fn names<E: ValueEnum>() -> String {
-    let values = E::value_variants().iter().filter_map(E::to_possible_value);
-    let names: Vec<String> = values.map(|value| format!("\"{}\"", value.get_name())).collect();
-    names.join(", ")
 }

@@ -17,7 +17,7 @@ use pyo3::prelude::*;
 /// fifth vehicle sends at full power. Returns the sum of all ages at the end, for comparison.
 #[pyfunction]
 pub fn native_loop(py: Python<'_>, scenario: &Scenario, worlds: u64, slots: u32, seed: u64) -> PyResult<u64> {
-    let setting = Setting::new(scenario, "grid")?;
+    let setting = Setting::new(scenario, None)?;
     Ok(py.detach(|| run(&setting, worlds, slots, seed)))
 }
 

@@ -6,7 +6,7 @@ use firmware::decision::{ACTIONS, Action};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_OUTPUTS;
 use firmware::observation::INPUTS;
-use host_sim::command::options::{parse_table, table_bytes};
+use host_sim::weight_table::WeightTable;
 use kit::files::write_whole;
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -17,35 +17,32 @@ use std::path::PathBuf;
 #[pyclass(frozen, eq, module = "freshlane")]
 #[derive(Clone)]
 pub struct Table {
-    bytes: Vec<u8>,
-    /// Where it was read, for errors.
-    path: Option<PathBuf>,
+    inner: WeightTable,
 }
 
 impl PartialEq for Table {
     /// The same bytes, wherever they were read.
     fn eq(&self, other: &Self) -> bool {
-        self.bytes == other.bytes
+        self.inner.bytes() == other.inner.bytes()
     }
 }
 
 impl Table {
-    /// Checks the bytes and keeps them.
+    /// Checks the bytes and keeps them; errors call them by the name.
     ///
     /// # Errors
     /// `ValueError` with the field that does not fit.
-    pub fn checked(bytes: Vec<u8>, path: Option<PathBuf>) -> PyResult<Self> {
-        let table = Self { bytes, path };
-        let _ = table.parse()?;
-        Ok(table)
+    pub fn new(name: &str, bytes: Vec<u8>) -> PyResult<Self> {
+        let inner = WeightTable::new(name, bytes).map_err(exception)?;
+        Ok(Self { inner })
     }
 
     /// The table in place.
     ///
     /// # Errors
-    /// None for a table that was [checked](Self::checked).
+    /// None, since it was checked.
     pub fn parse(&self) -> PyResult<firmware::table::Table<'_>> {
-        parse_table(self.path.as_deref(), &self.bytes).map_err(exception)
+        self.inner.parse().map_err(exception)
     }
 }
 
@@ -54,7 +51,8 @@ impl Table {
     /// The table that the firmware's image carries.
     #[staticmethod]
     fn shipped() -> PyResult<Self> {
-        Self::checked(firmware::tables::DISTILLED.to_vec(), None)
+        let inner = WeightTable::read_or_built_in(None).map_err(exception)?;
+        Ok(Self { inner })
     }
 
     /// The table in a file.
@@ -62,8 +60,8 @@ impl Table {
     /// Raises OSError for a file that cannot be read, ValueError with the field for one that is no table of this firmware.
     #[staticmethod]
     fn read(path: PathBuf) -> PyResult<Self> {
-        let bytes = table_bytes(Some(&path)).map_err(exception)?;
-        Self::checked(bytes, Some(path))
+        let inner = WeightTable::read(&path).map_err(exception)?;
+        Ok(Self { inner })
     }
 
     /// The table in these bytes.
@@ -71,17 +69,17 @@ impl Table {
     /// Raises ValueError with the field for bytes that are no table of this firmware.
     #[staticmethod]
     fn from_bytes(data: Vec<u8>) -> PyResult<Self> {
-        Self::checked(data, Some(PathBuf::from("data")))
+        Self::new("data", data)
     }
 
     /// Writes the table to a file, whole or not at all.
     fn write(&self, path: PathBuf) -> PyResult<()> {
-        write_whole(&path, &self.bytes).map_err(exception)
+        write_whole(&path, self.inner.bytes()).map_err(exception)
     }
 
     /// The table's bytes.
     fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &self.bytes)
+        PyBytes::new(py, self.inner.bytes())
     }
 
     /// Inputs, then each layer's outputs.
@@ -151,7 +149,7 @@ impl Table {
         let (widths, vehicles) = (widths.join("-"), self.max_vehicles()?);
         Ok(format!(
             "<Table: {widths}, {} bytes, up to {vehicles} vehicles, seed {}>",
-            self.bytes.len(),
+            self.inner.bytes().len(),
             self.seed()?
         ))
     }

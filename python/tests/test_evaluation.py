@@ -1,9 +1,11 @@
 """Evaluation: the command line's numbers to the last digit, for every way of running a policy."""
 
+import gzip
+
 import numpy as np
 import pytest
 
-from freshlane import POLICIES, BatchEnvironment, Scenario, Table, evaluate
+from freshlane import POLICIES, BatchEnvironment, Scenario, Table, evaluate, read_trace
 
 KEYS = (
     "mean_age_ms mean_age_ci95_ms median_world_age_ms p99_age_ms first100_age_ms success_per_slot "
@@ -61,11 +63,41 @@ def test_a_file_and_a_trace(command_line, tmp_path):
     assert found.vehicles == 6
     with pytest.raises(ValueError, match="length of the trace"):
         evaluate("actor", mobility=str(trace), **{**EXTENT, "slots": 1_000_000})
-    env = BatchEnvironment(mobility=str(trace), worlds=2)
+    compressed = tmp_path / "compressed"
+    compressed.write_bytes(gzip.compress(trace.read_bytes()))
+    read = read_trace(compressed)
+    assert (read.vehicles, read.slots) == ([f"v{v}" for v in range(6)], 3000)
+    env = BatchEnvironment(mobility=read, worlds=2)
     for _ in range(1200):
         env.step(np.ones((2, 6), np.uint8))
     assert env.present.tolist() == [False] + 5 * [True]
     assert (env.ages[:, 0] == 0).all() and (env.observations[:, 0] == 0).all() and (env.gains_db[:, 0] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<fcd-export>\n<timestep>", r":2: found <timestep> without 'time', expected an attribute 'time'"),
+        ('<fcd-export>\n<timestep time="1.0"/>\n\n some </fcd-export>', r":4: found text 'some', expected <timestep>"),
+        ("<fcd-export>\n<timestep>\n</fcd-export>", r":2: found <timestep> without 'time'"),
+        ("<fcd-export>\n</fcd-import>", r":2: found broken XML \(mismatched tag\), expected well-formed XML"),
+        ("<fcd-export/>\n", r":2: found no time step, expected at least one <timestep>"),
+        ("", r"found broken XML \(no element found\)"),
+    ],
+)
+def test_a_trace_that_makes_no_sense_is_named_with_its_line(tmp_path, text, message):
+    trace = tmp_path / "trace.xml"
+    trace.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_trace(trace)
+
+
+def test_a_damaged_compressed_trace(tmp_path):
+    trace = tmp_path / "trace.xml.gz"
+    whole = gzip.compress(b"<fcd-export>" + b" " * 1000 + b"</fcd-export>")
+    trace.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match=r"trace.xml.gz:1: found unreadable data .*, expected a whole, undamaged file"):
+        read_trace(trace)
 
 
 def test_training_never_meets_evaluation():

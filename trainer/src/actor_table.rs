@@ -11,12 +11,10 @@ use crate::provenance::provenance;
 use crate::quantise::quantise;
 use crate::run_folder::RunIdentity;
 use firmware::form::{CONTINUOUS_ONE, OutputForm};
-use firmware::network::MAX_LAYERS;
-use firmware::network::MAX_WIDTH;
-use firmware::table::Table;
+use firmware::network::{MAX_LAYERS, MAX_WIDTH};
+use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use rayon::prelude::*;
-use std::fmt::Display;
 use std::ops::Range;
 
 /// Worlds that activations are calibrated on, from the fewest to the most vehicles of the training, and their slots, which
@@ -68,7 +66,11 @@ pub fn check_widths(actors: &Actors) -> Result<()> {
 ///
 /// # Errors
 /// If a layer or a width is none that a table can hold.
-pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usize>) -> Result<Vec<Vec<u8>>> {
+pub fn actor_tables(
+    identity: &RunIdentity,
+    actors: &Actors,
+    vehicles: Range<usize>,
+) -> Result<Vec<WeightTable>> {
     check_widths(actors)?;
     let scenario = &identity.configuration.scenario;
     let setting = Setting::of_scenario(scenario);
@@ -112,14 +114,12 @@ pub fn actor_tables(identity: &RunIdentity, actors: &Actors, vehicles: Range<usi
         } else {
             format!("actor of vehicle {vehicle}")
         };
-        let unfit = |error: &dyn Display| Error::of_text(&place, &error.to_string());
-        let quantised = quantise(&network, &inputs, output_step).map_err(|error| unfit(&error))?;
-        let bytes = table_bytes(&quantised, &header).map_err(|error| unfit(&error))?;
-        // The firmware's own reader has the last word on what a table is.
-        drop(Table::parse(&bytes).map_err(|error| unfit(&error))?);
-        Ok(bytes)
+        let bytes = quantise(&network, &inputs, output_step)
+            .and_then(|quantised| table_bytes(&quantised, &header))
+            .map_err(|error| error.within(&place))?;
+        WeightTable::new(place, bytes)
     };
-    let tables: Vec<Result<Vec<u8>>> = vehicles.clone().into_par_iter().map(table).collect();
+    let tables: Vec<Result<WeightTable>> = vehicles.clone().into_par_iter().map(table).collect();
     tables.into_iter().collect()
 }
 
@@ -128,7 +128,6 @@ mod tests {
     use super::*;
     use crate::configuration::Preset;
     use crate::evaluate::compare;
-    use host_sim::command::options::parse_table;
     use host_sim::mobility::Grid;
     use host_sim::simulation::{Extent, Simulation};
 
@@ -156,10 +155,7 @@ mod tests {
             let _metrics = learner.advance();
             let actors = learner.actors();
             let tables = actor_tables(&identity, &actors, 0..3).unwrap();
-            let tables: Vec<_> = tables
-                .iter()
-                .map(|bytes| parse_table(None, bytes).unwrap())
-                .collect();
+            let tables: Vec<_> = tables.iter().map(|table| table.parse().unwrap()).collect();
             assert_eq!(tables.len(), 3);
             assert_eq!(tables[0].observation_form(), actors.form.observation);
             assert_eq!(tables[0].output_form(), actors.form.output);

@@ -319,7 +319,6 @@ mod tests {
     use crate::actor_table::actor_tables;
     use crate::configuration::Preset;
     use crate::run_folder::RunIdentity;
-    use host_sim::command::options::parse_table;
     use host_sim::mobility::Grid;
     use host_sim::simulation::Extent;
 
@@ -346,8 +345,8 @@ mod tests {
             },
         };
         let setting = Setting::of_scenario(simulation.scenario);
-        let bytes = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
-        let table = parse_table(None, &bytes).unwrap();
+        let table = actor_tables(&identity, &shared, 0..1).unwrap().remove(0);
+        let table = table.parse().unwrap();
         let tables = vec![table.clone(); 3];
         let ages = [
             quantised(&simulation, &[table], || ()).unwrap(),

@@ -6,8 +6,9 @@ use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_LAYERS;
 use firmware::table::{CHECKSUM, HEADER_LEN, MAGIC, Provenance, Table, VERSION};
 use firmware::units::{Level, SUB_CHANNELS};
-use host_sim::pack::{PackError, pack};
+use host_sim::pack::pack;
 use host_sim::revision::revision_text;
+use kit::error::Result;
 use std::fmt::Write as _;
 
 /// What a table says besides its network.
@@ -30,8 +31,8 @@ pub struct Header {
 /// The table's bytes.
 ///
 /// # Errors
-/// [`PackError`] names the layer and row that the format cannot hold.
-pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Result<Vec<u8>, PackError> {
+/// [`Error::Input`](kit::error::Error::Input) names the layer and row that the format cannot hold.
+pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Result<Vec<u8>> {
     let layers = pack(&network.layers)?;
     let length = (HEADER_LEN + layers.len() + 4) as u32;
     let mut bytes = Vec::from(MAGIC);

@@ -5,6 +5,7 @@
 
 pub mod actor_file;
 pub mod actor_table;
+#[cfg(feature = "program")]
 pub mod command;
 pub mod configuration;
 pub mod distil;
@@ -14,6 +15,7 @@ pub mod export;
 pub mod forms;
 pub mod game;
 pub mod laboratory;
+#[cfg(feature = "program")]
 pub mod learning_curves;
 pub mod maddpg;
 pub mod network;
@@ -22,5 +24,14 @@ pub mod ppo;
 pub mod provenance;
 pub mod quantise;
 pub mod run_folder;
+#[cfg(feature = "program")]
 pub mod study;
 pub mod trained_actors;
+
+pub use configuration::{Algorithm, Configuration, ConfigurationSource, Preset};
+pub use evaluate::{Comparison, compare};
+pub use kit::error::{Error, Result};
+pub use laboratory::actors::Actors;
+pub use laboratory::learner::Learner;
+pub use network::Network;
+pub use run_folder::RunFolder;

@@ -4,6 +4,7 @@ use crate::network::{Layer, Network};
 use firmware::network::EVEN_ROW_LIMIT;
 use firmware::observation::ONE;
 pub use host_sim::pack::IntegerLayer as QuantisedLayer;
+use kit::error::{Error, Result};
 
 /// A network in integers.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,59 +15,13 @@ pub struct QuantisedNetwork {
     pub scales: Vec<f64>,
 }
 
-/// Why a network cannot be quantised.
-#[derive(Debug, thiserror::Error)]
-pub enum QuantiseError {
-    /// A parameter is not finite.
-    #[error("layer {layer}: found a parameter that is not finite, expected finite weights and biases")]
-    NotFinite {
-        /// Which layer, from 0.
-        layer: usize,
-    },
-    /// A layer never activates.
-    #[error(
-        "layer {layer}: found no activation above 0 on calibration's inputs, expected some: it computes constants"
-    )]
-    NeverActive {
-        /// Which layer, from 0.
-        layer: usize,
-    },
-    /// A row's scale leaves the range of its multiplier.
-    #[error(
-        "layer {layer} row {row}: found weights whose products are {ratio:.3} steps of a result apart, expected less than half a \
-         step: they are too large for its results"
-    )]
-    Ratio {
-        /// Which layer, from 0.
-        layer: usize,
-        /// Which row, from 0.
-        row: usize,
-        /// Accumulator step over the step of its results.
-        ratio: f64,
-    },
-    /// A bias leaves the accumulator's range.
-    #[error("layer {layer} row {row}: found a bias of {bias:.0} accumulator steps, expected less than 2^30")]
-    Bias {
-        /// Which layer, from 0.
-        layer: usize,
-        /// Which row, from 0.
-        row: usize,
-        /// The bias.
-        bias: f64,
-    },
-}
-
 /// Quantises a network. Weights: each row's largest magnitude becomes 127, or less where the kernel could not add up so long a
 /// row. Hidden activations: the largest one over the calibration inputs, `[sample][input]`, becomes 255. Outputs: one common
 /// step, the given one or as fine as the multipliers allow.
 ///
 /// # Errors
-/// [`QuantiseError`] names the layer and row that do not fit.
-pub fn quantise(
-    network: &Network,
-    calibration: &[i8],
-    output_step: Option<f64>,
-) -> Result<QuantisedNetwork, QuantiseError> {
+/// [`Error::Input`] names the layer and row that do not fit.
+pub fn quantise(network: &Network, calibration: &[i8], output_step: Option<f64>) -> Result<QuantisedNetwork> {
     let floats: Vec<f32> = calibration
         .iter()
         .map(|&code| f32::from(code) / f32::from(ONE))
@@ -78,7 +33,11 @@ pub fn quantise(
     for (index, (layer, &largest)) in network.layers().zip(&largest).enumerate() {
         let mut parameters = layer.weights.iter().chain(layer.biases);
         if !parameters.all(|parameter| parameter.is_finite()) {
-            return Err(QuantiseError::NotFinite { layer: index });
+            return Err(Error::input(
+                format!("layer {index}"),
+                "a parameter that is not finite",
+                "finite weights and biases",
+            ));
         }
         let input_scale = scales[index];
         let range = if index == 0 { [-128.0, 127.0] } else { [0.0, 255.0] };
@@ -87,7 +46,11 @@ pub fn quantise(
             .collect();
         let output_scale = if index + 1 < count {
             if largest <= 0.0 {
-                return Err(QuantiseError::NeverActive { layer: index });
+                return Err(Error::input(
+                    format!("layer {index}"),
+                    "no activation above 0 on calibration's inputs",
+                    "some: it computes constants",
+                ));
             }
             f64::from(largest) / 255.0
         } else {
@@ -140,7 +103,7 @@ fn quantise_layer(
     rows: &[f64],
     input_scale: f64,
     output_scale: f64,
-) -> Result<QuantisedLayer, QuantiseError> {
+) -> Result<QuantisedLayer> {
     let mut quantised = QuantisedLayer {
         inputs: layer.inputs,
         biases: Vec::new(),
@@ -148,22 +111,20 @@ fn quantise_layer(
         weights: Vec::new(),
     };
     for (row, &scale) in rows.iter().enumerate() {
+        let place = || format!("layer {index} row {row}");
         let step = scale * input_scale;
         let ratio = step / output_scale;
         if ratio.is_nan() || ratio >= 0.5 {
-            return Err(QuantiseError::Ratio {
-                layer: index,
-                row,
-                ratio,
-            });
+            return Err(Error::input(
+                place(),
+                format!("weights whose products are {ratio:.3} steps of a result apart"),
+                "less than half a step: they are too large for its results",
+            ));
         }
         let bias = (f64::from(layer.biases[row]) / step).round();
         if bias.abs() >= f64::from(1 << 30) {
-            return Err(QuantiseError::Bias {
-                layer: index,
-                row,
-                bias,
-            });
+            let found = format!("a bias of {bias:.0} accumulator steps");
+            return Err(Error::input(place(), found, "less than 2^30"));
         }
         quantised.biases.push(bias as i32);
         quantised

@@ -9,9 +9,10 @@ use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::mobility::Grid;
 use host_sim::simulation::{Extent, Simulation};
+use host_sim::thread_pool;
+use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
 use serde::{Deserialize, Serialize};
@@ -255,11 +256,7 @@ impl Evaluation {
                 warmup: self.warmup,
             },
         };
-        let tables: Result<Vec<Table<'_>>> = trained
-            .tables
-            .iter()
-            .map(|bytes| parse_table(None, bytes))
-            .collect();
+        let tables: Result<Vec<Table<'_>>> = trained.tables.iter().map(WeightTable::parse).collect();
         let tables = tables?;
         let mut forms = Vec::new();
         let mut add = |form: &str, ages: AgeSummary| {

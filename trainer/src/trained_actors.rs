@@ -5,7 +5,7 @@ use crate::evaluate::Setting;
 use crate::laboratory::actors::Actors;
 use crate::run_folder::{RunFolder, RunIdentity};
 use firmware::table::Table;
-use host_sim::command::options::{parse_table, table_bytes};
+use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 
 /// A run's actors with all that their evaluation needs.
@@ -15,7 +15,7 @@ pub struct TrainedActors {
     /// What they see and do.
     pub setting: Setting,
     /// One table, or one for each vehicle; none where the form or a layer is none for tables.
-    pub tables: Vec<Vec<u8>>,
+    pub tables: Vec<WeightTable>,
     /// Why there is none.
     pub obstacle: Option<Error>,
     /// What the run was told, if `train` made it.
@@ -36,9 +36,9 @@ impl TrainedActors {
                 (Setting::of_scenario(&identity.configuration.scenario), tables)
             }
             _ => {
-                let bytes = own_table(folder, &actors, identity.as_ref())?;
-                let setting = Setting::of_table(&parse_table(Some(&folder.table()), &bytes)?);
-                (setting, Ok(vec![bytes]))
+                let table = own_table(folder, &actors, identity.as_ref())?;
+                let setting = Setting::of_table(&table.parse()?);
+                (setting, Ok(vec![table]))
             }
         };
         let (tables, obstacle) = match tables {
@@ -56,22 +56,17 @@ impl TrainedActors {
 }
 
 /// The table that a run left.
-fn own_table(folder: &RunFolder, actors: &Actors, identity: Option<&RunIdentity>) -> Result<Vec<u8>> {
-    let bytes = table_bytes(Some(&folder.table()))?;
-    check_belongs(
-        folder,
-        actors,
-        identity,
-        &parse_table(Some(&folder.table()), &bytes)?,
-    )?;
-    Ok(bytes)
+fn own_table(folder: &RunFolder, actors: &Actors, identity: Option<&RunIdentity>) -> Result<WeightTable> {
+    let table = WeightTable::read(&folder.table())?;
+    check_belongs(folder, actors, identity, &table.parse()?)?;
+    Ok(table)
 }
 
 /// The table of one of a run's networks: what the run left, or made anew.
 ///
 /// # Errors
 /// If there is none, or if it is of something else.
-pub fn table_of(folder: &RunFolder, actors: &Actors, vehicle: usize) -> Result<Vec<u8>> {
+pub fn table_of(folder: &RunFolder, actors: &Actors, vehicle: usize) -> Result<WeightTable> {
     let identity = folder.read_identity()?;
     match &identity {
         Some(identity) if !folder.table().exists() => {

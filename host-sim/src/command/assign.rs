@@ -5,7 +5,7 @@ mod outputs;
 
 use crate::command::options::choice;
 use assignment::check::{self, Evaluation};
-use assignment::network::check_not_negative;
+use assignment::link::check_not_negative;
 use assignment::{
     Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop,
     assign_from, assign_observed, formats, grid::Grid, path_flows,

@@ -1,6 +1,6 @@
 //! `bench`: how many slots a second the simulator makes on this machine.
 
-use super::options::{ScenarioArguments, table_bytes, thread_pool};
+use super::options::ScenarioArguments;
 use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
 use crate::lanes::LANES;
@@ -10,10 +10,11 @@ use crate::report::text_table::{Column, TextTable};
 use crate::scenario::Scenario;
 use crate::simulation::run_slot;
 use crate::stream::Purpose;
+use crate::threads::thread_pool;
 use crate::truth::Knowledge;
-use firmware::table::Table;
+use crate::weight_table::WeightTable;
 use firmware::units::SUB_CHANNELS;
-use kit::error::{Error, Result};
+use kit::error::Result;
 use kit::say;
 use rayon::prelude::*;
 use serde_json::json;
@@ -140,13 +141,15 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             arguments.scenario.check_not_set(option, key)?;
         }
     }
-    let vehicles = arguments.vehicles.map(|n| format!("cell.vehicles={n}"));
-    let sub_channels = arguments.sub_channels.map(|n| format!("radio.sub_channels={n}"));
-    let scenario = arguments
-        .scenario
-        .read(vehicles.into_iter().chain(sub_channels))?;
-    let bytes = table_bytes(None)?;
-    let table = Table::parse(&bytes).map_err(|error| Error::input("built-in table", error, "a table"))?;
+    let mut source = arguments.scenario.source();
+    let vehicles = arguments.vehicles.map(|n| ("cell.vehicles", n));
+    let sub_channels = arguments.sub_channels.map(|n| ("radio.sub_channels", n));
+    for (key, number) in vehicles.into_iter().chain(sub_channels) {
+        source.set(key, number);
+    }
+    let scenario = source.read()?;
+    let table = WeightTable::read_or_built_in(None)?;
+    let table = table.parse()?;
     let (vehicles, sub_channels) = (scenario.cell.vehicles, scenario.radio.sub_channels);
     let worlds = arguments
         .worlds

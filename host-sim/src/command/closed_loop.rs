@@ -1,8 +1,9 @@
 //! `host-sim loop`: from slot to street and back, for every policy on the same worlds and incidents.
 
 use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
-use crate::command::options::{progress_bar, thread_pool};
-use crate::command::run::{PreparedRun, RunArguments, RunOptions};
+use crate::command::options::progress_bar;
+use crate::command::run::RunArguments;
+use crate::experiment::{Experiment, ExperimentSource};
 use crate::mobility::StreetMap;
 use crate::report::ages::long_csv;
 use crate::report::cell::Cell;
@@ -10,6 +11,7 @@ use crate::report::chart::{Axis, LineChart, Point, Series};
 use crate::report::csv::Csv;
 use crate::report::pages;
 use crate::report::text_table::{Column, TextTable};
+use crate::threads::thread_pool;
 use crate::traffic::planning_options;
 use assignment::CostWeights;
 use assignment::formats;
@@ -56,27 +58,27 @@ pub struct LoopArguments {
 
 impl LoopArguments {
     /// Everything the loop needs, read and checked.
-    fn prepare(&self) -> Result<PreparedRun> {
+    fn prepare(&self) -> Result<Experiment> {
         let options = &self.run.options;
         options.check_typed()?;
-        let mut prepared = RunOptions {
+        let mut experiment = ExperimentSource {
             worlds: Some(options.worlds.unwrap_or(WORLDS)),
-            ..options.clone()
+            ..options.source()
         }
-        .prepare()?;
+        .read()?;
         if let Some(net) = &self.net {
-            if !prepared.source.is_grid() {
+            if !experiment.source.is_grid() {
                 let expected = "grid or nothing beside --net, on whose roads vehicles drive";
                 return Err(Error::input("--mobility", &options.mobility, expected));
             }
-            let map = self.street_map(net, &prepared)?;
-            prepared.source = Box::new(map);
-            prepared.source.check(&prepared.scenario)?;
+            let map = self.street_map(net, &experiment)?;
+            experiment.source = Box::new(map);
+            experiment.source.check(&experiment.scenario)?;
         }
-        Ok(prepared)
+        Ok(experiment)
     }
 
-    fn street_map(&self, net: &Path, prepared: &PreparedRun) -> Result<StreetMap> {
+    fn street_map(&self, net: &Path, experiment: &Experiment) -> Result<StreetMap> {
         let weights = CostWeights {
             toll: self.toll_weight,
             distance: self.distance_weight,
@@ -91,7 +93,7 @@ impl LoopArguments {
             network,
             demand,
             &places,
-            &prepared.scenario,
+            &experiment.scenario,
             (self.metres_per_unit, seconds),
             &planning_options(),
         )
@@ -104,29 +106,32 @@ impl LoopArguments {
 /// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &LoopArguments) -> Result<()> {
     let (options, out) = (&arguments.run.options, arguments.run.out());
-    let prepared = arguments.prepare()?;
+    let experiment = arguments.prepare()?;
     if !options.json {
         check_folder(out)?;
     }
     let template = "closed loop {bar:40} {pos}/{len} worlds, {eta} left";
-    let progress = progress_bar(u64::from(prepared.extent.worlds), template, options.json);
-    let actor_table = prepared.table()?;
+    let progress = progress_bar(u64::from(experiment.extent.worlds), template, options.json);
+    let actor_table = experiment.table.parse()?;
     let summary = thread_pool(options.threads)?.install(|| {
-        closed_loop(&prepared.simulation(), &prepared.policies, &actor_table, || {
-            progress.inc(1)
-        })
+        closed_loop(
+            &experiment.simulation(),
+            &experiment.policies,
+            &actor_table,
+            || progress.inc(1),
+        )
     })?;
     progress.finish_and_clear();
-    let object = to_json(&prepared, &summary);
+    let object = to_json(&experiment, &summary);
     if options.json {
         say!("{object}");
         return Ok(());
     }
-    let table = table(&prepared, &summary);
-    let mut set = files(&prepared, &summary, &object)?;
+    let table = table(&experiment, &summary);
+    let mut set = files(&experiment, &summary, &object)?;
     set.push((
         "loop.html".to_owned(),
-        pages::closed_loop(&prepared, &table, &set)?.render(),
+        pages::closed_loop(&experiment, &table, &set)?.render(),
     ));
     write_set(out, &set)?;
     say!("{table}\n{}", written(out, "loop.html", &set));
@@ -168,7 +173,7 @@ fn cells(result: &LoopResult) -> [Cell; 10] {
     ]
 }
 
-fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
+fn table(experiment: &Experiment, summary: &LoopSummary) -> TextTable<10> {
     let columns = [
         Column::text("policy"),
         Column::number("mean age", "ms", 2),
@@ -183,10 +188,10 @@ fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
     ];
     let mut table = TextTable::new("From slot to street", columns);
     summary.results.iter().for_each(|result| table.row(cells(result)));
-    let planning = &prepared.scenario.planning;
+    let planning = &experiment.scenario.planning;
     table.note(&format!(
         "{}; {} plans a world.",
-        prepared.description(),
+        experiment.description(),
         summary.plan_slots.len()
     ));
     table.note(&format!(
@@ -195,7 +200,7 @@ fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
         planning.incident_duration_s,
         planning.incident_interval_s,
     ));
-    if let Some(map) = prepared.source.streets() {
+    if let Some(map) = experiment.source.streets() {
         table.note(&format!(
             "Vehicles drive the paths of the equilibrium, {} m for each unit of the network's coordinates; its unit of time is {} s.",
             map.scale().metres_per_unit,
@@ -216,7 +221,7 @@ fn table(prepared: &PreparedRun, summary: &LoopSummary) -> TextTable<10> {
     table
 }
 
-fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {
+fn to_json(experiment: &Experiment, summary: &LoopSummary) -> Value {
     let policies: Vec<Value> = summary
         .results
         .iter()
@@ -237,23 +242,23 @@ fn to_json(prepared: &PreparedRun, summary: &LoopSummary) -> Value {
         })
         .collect();
     json!({
-        "seed": prepared.extent.seed,
-        "worlds": prepared.extent.worlds,
-        "slots": prepared.extent.slots,
-        "warmup": prepared.extent.warmup,
+        "seed": experiment.extent.seed,
+        "worlds": experiment.extent.worlds,
+        "slots": experiment.extent.slots,
+        "warmup": experiment.extent.warmup,
         "plans": summary.plan_slots.len(),
         "cost_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.map(|(cost, _)| cost),
         "cost_ci95_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.and_then(|(_, interval)| interval),
-        "scale": prepared.source.streets().map(|map| json!({
+        "scale": experiment.source.streets().map(|map| json!({
             "metres_per_unit": map.scale().metres_per_unit,
             "seconds_per_unit": map.scale().seconds_per_unit,
         })),
-        "scenario": prepared.scenario,
+        "scenario": experiment.scenario,
         "policies": policies,
     })
 }
 
-fn files(prepared: &PreparedRun, summary: &LoopSummary, object: &Value) -> Result<Vec<NamedText>> {
+fn files(experiment: &Experiment, summary: &LoopSummary, object: &Value) -> Result<Vec<NamedText>> {
     let mut csv = Csv::new([
         "policy",
         "mean_age_ms",
@@ -285,7 +290,7 @@ fn files(prepared: &PreparedRun, summary: &LoopSummary, object: &Value) -> Resul
     };
     let figure = |title: &str, quantity: &str, series: Vec<Series>| LineChart {
         title: title.to_owned(),
-        note: format!("{}. Means over worlds.", prepared.description()),
+        note: format!("{}. Means over worlds.", experiment.description()),
         horizontal: Axis::linear("slot (ms)"),
         vertical: Axis::linear(quantity),
         series,

@@ -1,11 +1,11 @@
 //! `host-sim deadline`: what a slot costs on the chip.
 
-use crate::command::options::{parse_table, table_bytes};
 use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
 use crate::deadline::image::Images;
 use crate::deadline::{Extent, NetworkReport, Report, report};
 use crate::report::cell::Cell;
 use crate::report::text_table::{Column, TextTable};
+use crate::weight_table::WeightTable;
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::{Error, Result};
 use kit::say;
@@ -44,8 +44,8 @@ pub struct DeadlineArguments {
 /// # Errors
 /// [`Error`] for an image that does not build or is none, and for a missing emulator.
 pub fn run(arguments: &DeadlineArguments) -> Result<()> {
-    let bytes = table_bytes(arguments.table.as_deref())?;
-    let table = parse_table(arguments.table.as_deref(), &bytes)?;
+    let table = WeightTable::read_or_built_in(arguments.table.as_deref())?;
+    let table = table.parse()?;
     let progress = progress();
     progress.set_message("building the images");
     let images = match (&arguments.measuring, &arguments.deployed) {

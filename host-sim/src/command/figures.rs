@@ -1,10 +1,11 @@
 //! `host-sim figures`: the paper's figures with their data. Path planning sweeps delta m itself, once along all ages and once
 //! at the ages that the policies reach; learning is drawn from runs that come with the program.
 
-use crate::command::options::{ScenarioArguments, progress_bar, thread_pool};
-use crate::command::run::{PreparedRun, RunOptions};
+use crate::command::options::{ScenarioArguments, progress_bar, within};
+use crate::experiment::{Experiment, ExperimentSource, SLOTS, WORLDS};
 use crate::report::measured_traffic::{self, MeasuredAges};
 use crate::report::{learning, traffic};
+use crate::threads::thread_pool;
 use crate::traffic::{RoadAges, TrafficModel};
 use kit::error::{Error, Result};
 use kit::files;
@@ -22,10 +23,10 @@ pub struct FigureArguments {
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
     /// Independent worlds in which the policies' ages are measured
-    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 32, value_parser = within(WORLDS))]
     pub worlds: u32,
     /// Slots of 1 ms that count in each, after a quarter as many that do not
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    #[arg(long, default_value_t = 2000, value_parser = within(SLOTS))]
     pub slots: u32,
     /// Folder for figures (SVG) and data (CSV)
     #[arg(long, value_name = "DIR", default_value = "out")]
@@ -42,21 +43,16 @@ pub struct FigureArguments {
 }
 
 impl FigureArguments {
-    fn prepare(&self) -> Result<PreparedRun> {
-        let options = RunOptions {
-            scenario: self.scenario.clone(),
-            policy: Vec::new(),
+    fn source(&self) -> ExperimentSource {
+        ExperimentSource {
+            scenario: self.scenario.source(),
             table: self.table.clone(),
-            vehicles: None,
             worlds: Some(self.worlds),
             slots: Some(self.slots),
             warmup: self.slots / 4,
-            mobility: "grid".to_owned(),
             seed: self.seed,
-            threads: self.threads,
-            json: self.json,
-        };
-        options.prepare()
+            ..ExperimentSource::default()
+        }
     }
 }
 
@@ -65,12 +61,12 @@ impl FigureArguments {
 /// # Errors
 /// What is wrong with the scenario, or the file that cannot be written.
 pub fn run(arguments: &FigureArguments) -> Result<()> {
-    let prepared = arguments.prepare()?;
+    let experiment = arguments.source().read()?;
     files::check_folder(&arguments.out)?;
-    let mut set = traffic::paper_figures(&prepared.scenario)?;
+    let mut set = traffic::paper_figures(&experiment.scenario)?;
     let measured = thread_pool(arguments.threads)?.install(|| -> Result<_> {
-        let ages = measure(&prepared, arguments.json)?;
-        measured_traffic::figures(&prepared.scenario, &ages, &prepared.description())
+        let ages = measure(&experiment, arguments.json)?;
+        measured_traffic::figures(&experiment.scenario, &ages, &experiment.description())
     })?;
     set.extend(measured);
     set.extend(learning::paper_figures()?);
@@ -88,18 +84,18 @@ pub fn run(arguments: &FigureArguments) -> Result<()> {
 }
 
 /// The ages that every policy reaches on the same worlds.
-fn measure(prepared: &PreparedRun, hide_progress: bool) -> Result<Vec<MeasuredAges>> {
-    let table = prepared.table()?;
-    let model = TrafficModel::new(&prepared.scenario)?;
-    let worlds = prepared.policies.len() as u64 * u64::from(prepared.extent.worlds);
+fn measure(experiment: &Experiment, hide_progress: bool) -> Result<Vec<MeasuredAges>> {
+    let table = experiment.table.parse()?;
+    let model = TrafficModel::new(&experiment.scenario)?;
+    let worlds = experiment.policies.len() as u64 * u64::from(experiment.extent.worlds);
     let progress = progress_bar(
         worlds,
         "ages {bar:40} {pos}/{len} worlds, {eta} left",
         hide_progress,
     );
     let mut measured = Vec::new();
-    for &policy in &prepared.policies {
-        let (ages, roads) = prepared
+    for &policy in &experiment.policies {
+        let (ages, roads) = experiment
             .simulation()
             .run_policy(policy, &table, |environment, world| {
                 progress.inc(1);

@@ -52,10 +52,11 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
     if arguments.vehicles.is_some() {
         arguments.scenario.check_not_set("--vehicles", "cell.vehicles")?;
     }
-    let vehicles = arguments
-        .vehicles
-        .map(|vehicles| format!("cell.vehicles={vehicles}"));
-    let scenario = arguments.scenario.read(vehicles)?;
+    let mut source = arguments.scenario.source();
+    if let Some(vehicles) = arguments.vehicles {
+        source.set("cell.vehicles", vehicles);
+    }
+    let scenario = source.read()?;
     if arguments.units > scenario.cell.vehicles {
         let expected = format!("at most {}, the vehicles of the cell", scenario.cell.vehicles);
         return Err(Error::input("--units", arguments.units, expected));

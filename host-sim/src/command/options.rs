@@ -1,13 +1,13 @@
 //! Options that sub-commands share.
 
-use crate::scenario::{Preset, Scenario, ScenarioSource};
+use crate::scenario::{Preset, ScenarioSource};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use firmware::table::Table;
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::choice::Choice;
 use kit::error::{Error, Result};
 use kit::layers::sets;
-use std::path::{Path, PathBuf};
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
 
 /// Which scenario.
 #[derive(Clone, Debug, clap::Args)]
@@ -24,18 +24,14 @@ pub struct ScenarioArguments {
 }
 
 impl ScenarioArguments {
-    /// The scenario, with further settings laid over it.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn read(&self, settings: impl IntoIterator<Item = String>) -> Result<Scenario> {
-        let settings = self.set.iter().cloned().chain(settings).collect();
+    /// Where the scenario comes from.
+    pub fn source(&self) -> ScenarioSource {
         ScenarioSource {
             preset: self.preset,
             file: self.scenario.clone(),
-            settings,
+            settings: self.set.clone(),
+            ..ScenarioSource::default()
         }
-        .read()
     }
 
     /// Refuses `--set` of a key for which another option is given.
@@ -61,35 +57,9 @@ pub fn choice<C: Choice + Send + Sync>() -> impl TypedValueParser<Value = C> {
     PossibleValuesParser::new(values).try_map(|name| C::of_name("value", &name))
 }
 
-/// A thread pool of this size; one thread a core without it.
-///
-/// # Errors
-/// If the system gives no threads.
-pub fn thread_pool(threads: Option<u16>) -> Result<rayon::ThreadPool> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.map_or(0, usize::from))
-        .build();
-    pool.map_err(|error| Error::input("--threads", error, "threads that the system can start"))
-}
-
-/// Bytes of a table file, or of the table built into the firmware.
-///
-/// # Errors
-/// If the file cannot be read.
-pub fn table_bytes(path: Option<&Path>) -> Result<Vec<u8>> {
-    match path {
-        None => Ok(firmware::tables::DISTILLED.to_vec()),
-        Some(path) => std::fs::read(path).map_err(|source| Error::file(path, source)),
-    }
-}
-
-/// Checks table bytes.
-///
-/// # Errors
-/// Names the file and the field that does not fit.
-pub fn parse_table<'t>(path: Option<&Path>, bytes: &'t [u8]) -> Result<Table<'t>> {
-    let place = path.map_or("built-in table".to_owned(), |path| path.display().to_string());
-    Table::parse(bytes).map_err(|error| Error::of_text(place, &error.to_string()))
+/// Reads a whole number within a range.
+pub fn within(range: RangeInclusive<u32>) -> impl TypedValueParser<Value = u32> {
+    clap::value_parser!(u32).range(i64::from(*range.start())..=i64::from(*range.end()))
 }
 
 /// A progress bar on stderr, unless output is for scripts.

@@ -1,7 +1,8 @@
 //! `host-sim sweep`: a grid of scenarios, policies and seeds, whole or one shard of it.
 
-use crate::command::options::{progress_bar, thread_pool};
+use crate::command::options::progress_bar;
 use crate::sweep::{Grid, Outcome, Point, Shard, Store};
+use crate::threads::thread_pool;
 use kit::error::{Error, Result};
 use kit::say;
 use rayon::prelude::*;
@@ -72,7 +73,7 @@ pub fn run(arguments: &SweepArguments) -> Result<()> {
     let mut done = 0;
     for index in shard.points(grid.points()) {
         let point = grid.point(index);
-        drop(grid.prepare(&point)?);
+        drop(grid.experiment(&point)?);
         match store.outcome(index)? {
             Some(_) => done += 1,
             None => waiting.push(point),
@@ -129,7 +130,7 @@ fn compute(grid: &Grid, store: &Store, points: &[&Point], hide_progress: bool) -
     let template = "{bar:40} {pos}/{len} points, {elapsed} so far, {eta} left";
     let progress = progress_bar(points.len() as u64, template, hide_progress);
     points.par_iter().with_max_len(1).try_for_each(|point| {
-        let outcome = Outcome::compute(&grid.prepare(point)?)?;
+        let outcome = Outcome::compute(&grid.experiment(point)?)?;
         store.keep(point.index, outcome)?;
         progress.inc(1);
         Ok::<(), Error>(())

@@ -12,16 +12,11 @@
 //! SUMO's FCD output, <https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html>, written without `--fcd-output.geo`
 //! (coordinates in metres) and without `--human-readable-time`.
 
+mod builder;
+#[cfg(feature = "program")]
 mod reader;
 
-use flate2::bufread::MultiGzDecoder;
-use kit::error::{Error, Result};
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read as _};
-use std::path::Path;
-
-/// The first two bytes of every gzip file (RFC 1952, section 2.3.1).
-const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+pub use builder::TraceBuilder;
 
 /// Where a vehicle is, and how fast it moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,39 +65,6 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads a trace from a file, plain or compressed by gzip; the file's content decides which, not its name.
-    ///
-    /// # Errors
-    /// [`Error::File`] when the file cannot be opened; otherwise those of [`Trace::parse`].
-    pub fn read(path: &Path) -> Result<Self> {
-        let in_file = |source| Error::file(path, source);
-        let mut file = File::open(path).map_err(in_file)?;
-        let mut magic = Vec::new();
-        let _bytes_read = (&mut file)
-            .take(GZIP_MAGIC.len() as u64)
-            .read_to_end(&mut magic)
-            .map_err(in_file)?;
-        let compressed = magic == GZIP_MAGIC;
-        let whole = BufReader::new(std::io::Cursor::new(magic).chain(file));
-        let place_name = path.display().to_string();
-        if compressed {
-            Self::parse(&place_name, BufReader::new(MultiGzDecoder::new(whole)))
-        } else {
-            Self::parse(&place_name, whole)
-        }
-    }
-
-    /// Parses a trace's XML. `place_name` is what errors call the text, usually its file's name.
-    ///
-    /// Persons and containers, which SUMO writes beside vehicles, are no vehicles and are left out; so are attributes
-    /// other than `id`, `x`, `y` and `speed`. Any other unknown element is an error.
-    ///
-    /// # Errors
-    /// [`Error::Input`] names the line, what stands there and what was expected.
-    pub fn parse(place_name: &str, reader: impl BufRead) -> Result<Self> {
-        reader::parse(place_name, reader)
-    }
-
     /// Slots from the first time step to the last; that last slot itself can still be sampled.
     pub fn duration_slots(&self) -> u32 {
         self.steps.last().map_or(0, |step| step.slot)

@@ -8,9 +8,7 @@ mod urban_grid;
 
 use crate::scenario::Scenario;
 use crate::stream::WorldKey;
-use floating_car_data::Trace;
 use kit::error::{Error, Result};
-use std::path::Path;
 pub use streets::{Scale, StreetMap};
 pub use urban_grid::{Grid, Heading};
 
@@ -154,11 +152,14 @@ pub trait Mobility: Send + Sync {
 ///
 /// # Errors
 /// What is wrong with the file.
+#[cfg(feature = "program")]
 pub fn read_source(name: &str) -> Result<Box<dyn MobilitySource>> {
     if name == "grid" {
         Ok(Box::new(Grid))
     } else {
-        Ok(Box::new(Trace::read(Path::new(name))?))
+        Ok(Box::new(floating_car_data::Trace::read(std::path::Path::new(
+            name,
+        ))?))
     }
 }
 

@@ -5,7 +5,7 @@ use super::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use super::csv::Csv;
 use super::text_table::{Column, TextTable};
 use crate::age::AgeSummary;
-use crate::report::PolicyResult;
+use crate::experiment::PolicyResult;
 use kit::error::Result;
 use kit::files::NamedText;
 

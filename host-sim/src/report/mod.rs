@@ -13,18 +13,3 @@ pub mod pages;
 pub mod parquet;
 pub mod text_table;
 pub mod traffic;
-
-use crate::age::AgeSummary;
-use crate::traffic::TrafficSummary;
-
-/// One policy's result.
-pub struct PolicyResult {
-    /// Which.
-    pub name: &'static str,
-    /// Its ages.
-    pub ages: AgeSummary,
-    /// What they do to the road; `None` with a trace.
-    pub traffic: Option<TrafficSummary>,
-    /// Simulated slots (all worlds, warm-up included) per second of wall time.
-    pub slots_per_second: f64,
-}

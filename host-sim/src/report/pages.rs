@@ -1,9 +1,8 @@
 //! The HTML reports of `run` and `loop`.
 
-use super::PolicyResult;
 use super::html::{Block, Page, Section};
 use super::text_table::TextTable;
-use crate::command::run::PreparedRun;
+use crate::experiment::{Experiment, PolicyResult};
 use crate::policy::Kind;
 use crate::revision::{own_revision, revision_text};
 use crate::scenario::{Preset, Scenario};
@@ -21,9 +20,9 @@ const ALIKE: f64 = 0.005;
 /// The report of `run`. `set` holds its figures by file name.
 ///
 /// # Errors
-/// As [`PreparedRun::table`].
+/// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
 pub fn run(
-    prepared: &PreparedRun,
+    experiment: &Experiment,
     results: &[PolicyResult],
     ages: &TextTable<8>,
     traffic: Option<&TextTable<7>>,
@@ -37,7 +36,7 @@ pub fn run(
             text: "How old the base station's latest report of a vehicle is, averaged over vehicles and slots. A policy says who \
                    sends when. None can be below the bound."
                 .to_owned(),
-            blocks: [meanings(&prepared.policies), Block::table(ages)].into_iter().chain(figures(&[(
+            blocks: [meanings(&experiment.policies), Block::table(ages)].into_iter().chain(figures(&[(
                 "mean_age.svg",
                 "Mean age by policy on a logarithmic scale. A bar's length is the ratio to the bound; whiskers are 95 % \
                  intervals over worlds.",
@@ -102,7 +101,7 @@ pub fn run(
     // A figure that this run has no data for has no section either.
     sections.retain(|section| !section.blocks.is_empty());
     let actor = results.iter().find(|result| result.name == "actor");
-    let bound = prepared.simulation().bound_age_ms();
+    let bound = experiment.simulation().bound_age_ms();
     let summary = actor.map_or_else(
         || format!("{SCENE} These are the ages of the chosen policies on the same worlds."),
         |actor| {
@@ -114,7 +113,7 @@ pub fn run(
             )
         },
     );
-    page("Freshlane: ages of information", summary, prepared, sections)
+    page("Freshlane: ages of information", summary, experiment, sections)
 }
 
 /// A sentence for figures in which the actor's and the clock's lines cover each other.
@@ -132,9 +131,9 @@ fn coincidence(results: &[PolicyResult]) -> &'static str {
 /// The report of `loop`. `set` holds its figures by file name.
 ///
 /// # Errors
-/// As [`PreparedRun::table`].
+/// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
 pub fn closed_loop<const COLUMNS: usize>(
-    prepared: &PreparedRun,
+    experiment: &Experiment,
     table: &TextTable<COLUMNS>,
     set: &[NamedText],
 ) -> Result<Page> {
@@ -154,11 +153,11 @@ pub fn closed_loop<const COLUMNS: usize>(
         text: "Incidents take road capacity, vehicles report them by radio, and the base station plans all routes anew on \
                what it has heard. Regret is how much longer a trip takes than with full knowledge."
             .to_owned(),
-        blocks: [meanings(&prepared.policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
+        blocks: [meanings(&experiment.policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
     }];
     let summary =
         format!("{SCENE} This is what freshness is worth to a trip, on the same worlds and incidents.");
-    page("Freshlane: from slot to street", summary, prepared, sections)
+    page("Freshlane: from slot to street", summary, experiment, sections)
 }
 
 /// What the policies do, in the words of the command line's help.
@@ -176,28 +175,23 @@ fn figures(set: &[NamedText], captions: &[(&str, &str)]) -> Vec<Block> {
     found.map(|(svg, caption)| Block::figure(svg, caption)).collect()
 }
 
-fn page(title: &str, summary: String, prepared: &PreparedRun, mut sections: Vec<Section>) -> Result<Page> {
-    let table = prepared.table()?;
+fn page(title: &str, summary: String, experiment: &Experiment, mut sections: Vec<Section>) -> Result<Page> {
+    let table = experiment.table.parse()?;
     let provenance = table.provenance();
-    let table_name = prepared
-        .table_path
-        .as_ref()
-        .map_or("built into the firmware".to_owned(), |path| {
-            path.display().to_string()
-        });
     let facts = vec![
-        ("worlds", prepared.description()),
-        ("mobility", prepared.mobility_name()),
+        ("worlds", experiment.description()),
+        ("mobility", experiment.mobility_name()),
         (
             "changed keys",
-            changed_keys(prepared).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
+            changed_keys(experiment).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
         ),
         ("program", own_revision()),
         (
             "weight table",
             format!(
-                "{table_name}: {} bytes, seed {}, from sources {}{}",
-                prepared.table.len(),
+                "{}: {} bytes, seed {}, from sources {}{}",
+                experiment.table.name(),
+                experiment.table.bytes().len(),
                 provenance.seed,
                 revision_text(&provenance.revision),
                 if provenance.modified {
@@ -208,7 +202,7 @@ fn page(title: &str, summary: String, prepared: &PreparedRun, mut sections: Vec<
             ),
         ),
     ];
-    let scenario = toml::to_string(&prepared.scenario).unwrap_or_default();
+    let scenario = toml::to_string(&experiment.scenario).unwrap_or_default();
     sections.push(Section {
         heading: "How to repeat it",
         text: "The same scenario, table and seed give the same numbers on any machine with any number of threads. Training \
@@ -225,9 +219,9 @@ fn page(title: &str, summary: String, prepared: &PreparedRun, mut sections: Vec<
 }
 
 /// The scenario's keys that differ from the paper's, with their values.
-fn changed_keys(prepared: &PreparedRun) -> Option<String> {
+fn changed_keys(experiment: &Experiment) -> Option<String> {
     let paper = Preset::Paper.values();
-    let values = toml::Table::try_from(&prepared.scenario).ok()?;
+    let values = toml::Table::try_from(&experiment.scenario).ok()?;
     let keys = listed(Scenario::KEYS);
     let changed = keys
         .iter()

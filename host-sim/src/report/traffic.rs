@@ -5,13 +5,12 @@ use super::cell::Cell;
 use super::chart::{Axis, LineChart, Point, Reference, Series};
 use super::csv::Csv;
 use super::text_table::{Column, TextTable};
-use crate::report::PolicyResult;
+use crate::experiment::PolicyResult;
 use crate::scenario::Scenario;
 use crate::traffic::{TrafficModel, TrafficSummary};
 use firmware::units::Age;
 use kit::error::Result;
 use kit::files::NamedText;
-use serde_json::{Value, json};
 
 /// The values of delta m that the paper's figures compare, as sixths of the capacity: 10, 15, 20 and 25 of 30 vehicles per
 /// hour. The paper shows four and does not say which; these are chosen so that two pass a volume over capacity of 1.
@@ -81,17 +80,6 @@ pub fn csv(results: &[PolicyResult]) -> NamedText {
         csv.row(cells(result, traffic));
     }
     ("traffic.csv".to_owned(), csv.into_text())
-}
-
-/// The summary as JSON.
-pub fn to_json(traffic: &TrafficSummary) -> Value {
-    json!({
-        "uniform_mean_v_over_c": traffic.uniform.mean_volume_over_capacity,
-        "uniform_mean_link_time_s": traffic.uniform.mean_link_time,
-        "per_road_mean_v_over_c": traffic.stale.mean_volume_over_capacity,
-        "per_road_mean_trip_time_s": traffic.stale.mean_trip_time,
-        "informed_mean_trip_time_s": traffic.informed.mean_trip_time,
-    })
 }
 
 /// The paper's figures of volume over capacity and of travel time against age, as SVG and CSV. Every road has the same

@@ -6,7 +6,7 @@ use kit::error::Result;
 use kit::keys::{listed, nearest};
 use kit::layers::Layers;
 use std::path::PathBuf;
-use toml::Table;
+use toml::{Table, Value};
 
 kit::choices! {
     /// A scenario that comes with the program.
@@ -58,18 +58,31 @@ pub struct ScenarioSource {
     pub preset: Preset,
     /// A TOML file whose keys replace the preset's.
     pub file: Option<PathBuf>,
-    /// `KEY=VALUE` settings, such as `radio.max_power_dbm=23`, which replace both.
+    /// Values by section and key, which replace both.
+    pub values: Table,
+    /// `KEY=VALUE` settings, such as `radio.max_power_dbm=23`, which replace all of them.
     pub settings: Vec<String>,
 }
 
 impl ScenarioSource {
+    /// Gives a key, such as `radio.max_power_dbm`, one of the [values](Self::values).
+    pub fn set(&mut self, key: &str, value: impl Into<Value>) {
+        let (section, name) = key.split_once('.').unwrap_or(("", key));
+        let section = self.values.entry(section).or_insert_with(|| Table::new().into());
+        if let Value::Table(section) = section {
+            let _replaced = section.insert(name.to_owned(), value.into());
+        }
+    }
+
     /// Reads and checks the scenario.
     ///
     /// # Errors
     /// [`kit::error::Error::Input`] names the file and line, the key or the setting.
     pub fn read(&self) -> Result<Scenario> {
         let mut layers = self.preset.layers();
-        layers.lay_over(self.file.as_deref(), &self.settings)?;
+        layers.lay_over(self.file.as_deref(), &[])?;
+        layers.lay(self.values.clone(), None)?;
+        layers.lay_over(None, &self.settings)?;
         let scenario: Scenario = layers.read()?;
         scenario.check().map_err(|error| layers.located(error))?;
         Ok(scenario)

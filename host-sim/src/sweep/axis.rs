@@ -4,6 +4,9 @@ use crate::scenario::ScenarioSource;
 use kit::error::{Error, Result};
 use toml::{Table, Value};
 
+/// Most points of a grid (chosen: a file each, and a table that any tool still opens).
+pub const MOST_POINTS: usize = 100_000;
+
 /// What a key's values are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -135,7 +138,7 @@ fn integers(place: &str, range: &Table) -> Result<Vec<Value>> {
     match (number("from"), number("to"), step) {
         (Some(from), Some(to), Some(step)) if from >= 0 && step > 0 && range.keys().all(known) => {
             let values = (to.saturating_sub(from)) / step;
-            if values >= super::grid::MOST_POINTS as i64 {
+            if values >= MOST_POINTS as i64 {
                 return Err(Error::input(
                     place,
                     Value::Table(range.clone()),

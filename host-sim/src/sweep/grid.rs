@@ -1,11 +1,10 @@
 //! A grid file: a scenario in which any value may be a list, and options of `host-sim run` beside it.
 
-use super::axis::{self, Axis, Kind, POLICY, SEED, VEHICLES, text};
+use super::axis::{self, Axis, Kind, MOST_POINTS, POLICY, SEED, VEHICLES, text};
 use super::store::checksum;
-use crate::command::run::{PreparedRun, RunOptions};
-use crate::policy::KINDS;
+use crate::experiment::{Experiment, ExperimentSource};
+use crate::policy::{self, KINDS};
 use crate::scenario::Preset;
-use clap::Parser;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::keys::nearest;
@@ -13,9 +12,6 @@ use kit::layers::parse;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
-
-/// Most points of a grid (chosen: a file each, and a table that any tool still opens).
-pub const MOST_POINTS: usize = 100_000;
 
 /// Written for the table that is built into the firmware, in a list of tables.
 const BUILT_IN: &str = "built-in";
@@ -37,13 +33,6 @@ pub struct Point {
     pub index: usize,
     /// By axis: which value.
     values: Vec<usize>,
-}
-
-/// A point as `host-sim run` reads it.
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    options: RunOptions,
 }
 
 impl Point {
@@ -168,42 +157,43 @@ impl Grid {
         &self.axes[axis].values[point.values[axis]]
     }
 
-    /// Reads and checks a point's input.
+    /// Reads and checks a point's experiment.
     ///
     /// # Errors
-    /// What `host-sim run` finds wrong with it, and the point.
-    pub fn prepare(&self, point: &Point) -> Result<PreparedRun> {
-        let options = Line::try_parse_from(self.arguments(point)).map_err(|error| {
-            let message = crate::command::one_line(&error);
-            let found = message.trim_start_matches("error: ").to_owned();
-            Error::input(self.place(point), found, "options of `host-sim run`")
-        })?;
-        options.options.prepare().map_err(|error| match error {
-            Error::Input {
-                place,
-                found,
-                expected,
-            } => Error::input(format!("{}: {place}", self.place(point)), found, expected),
-            file => file,
-        })
+    /// What does not fit, and the point.
+    pub fn experiment(&self, point: &Point) -> Result<Experiment> {
+        let experiment = self.source(point).and_then(|source| source.read());
+        experiment.map_err(|error| error.within(self.place(point)))
     }
 
-    /// The point as arguments of `host-sim run`.
-    fn arguments(&self, point: &Point) -> Vec<String> {
-        let mut arguments = vec!["run".to_owned()];
+    /// Where a point's experiment comes from.
+    fn source(&self, point: &Point) -> Result<ExperimentSource> {
+        let mut source = ExperimentSource::default();
         for (index, axis) in self.axes.iter().enumerate() {
-            let (key, value) = (&axis.key, text(self.value(point, index)));
-            match axis.kind {
-                Kind::File => match self.file(key, &value) {
-                    Some(path) => arguments.push(format!("--{key}={}", path.display())),
-                    None if key == "mobility" => arguments.push(format!("--{key}={value}")),
-                    None => {}
-                },
-                _ if key.contains('.') => arguments.push(format!("--set={key}={value}")),
-                _ => arguments.push(format!("--{key}={value}")),
+            let (key, value) = (axis.key.as_str(), self.value(point, index));
+            let name = text(value);
+            let file = || self.file(key, &name);
+            let whole = || {
+                let number = value.as_integer().and_then(|number| u32::try_from(number).ok());
+                number.ok_or_else(|| Error::input(key, value, format!("0 to {}", u32::MAX)))
+            };
+            match key {
+                "preset" => source.scenario.preset = Preset::of_name(key, &name)?,
+                "scenario" => source.scenario.file = file(),
+                "mobility" => {
+                    source.mobility = file().map_or(name.clone(), |path| path.display().to_string())
+                }
+                "table" => source.table = file(),
+                "worlds" => source.worlds = Some(whole()?),
+                "slots" => source.slots = Some(whole()?),
+                "warmup" => source.warmup = whole()?,
+                VEHICLES => source.vehicles = Some(whole()?),
+                POLICY => source.policies = vec![<&'static policy::Kind>::of_name(key, &name)?],
+                SEED => source.seed = value.as_integer().unwrap_or_default().cast_unsigned(),
+                _ => source.scenario.set(key, value.clone()),
             }
         }
-        arguments
+        Ok(source)
     }
 
     /// The file that a value names, if it names one.

@@ -1,7 +1,6 @@
 //! What is kept of a point: nothing that depends on the machine or on how long it took.
 
-use crate::command::run::PreparedRun;
-use crate::report::PolicyResult;
+use crate::experiment::{Experiment, PolicyResult};
 use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +12,7 @@ pub const VERSION: u32 = 2;
 #[serde(deny_unknown_fields)]
 #[allow(
     missing_docs,
-    reason = "`report::ages` and `age::AgeSummary` say what each is"
+    reason = "`Experiment::to_json` and `age::AgeSummary` say what each is"
 )]
 pub struct Outcome {
     pub vehicles: u64,
@@ -72,19 +71,19 @@ impl Outcome {
     /// Simulates a point, which has one policy, on the current rayon pool.
     ///
     /// # Errors
-    /// As [`PreparedRun::results`].
-    pub fn compute(prepared: &PreparedRun) -> Result<Self> {
-        let results = prepared.results(true)?;
+    /// As [`Experiment::results`].
+    pub fn compute(experiment: &Experiment) -> Result<Self> {
+        let results = experiment.results(|_| ())?;
         let [PolicyResult { ages, traffic, .. }] = results.as_slice() else {
             let found = format!("{} policies", results.len());
             return Err(Error::input("point of a sweep", found, "one"));
         };
         Ok(Self {
-            vehicles: prepared.source.vehicles(&prepared.scenario) as u64,
-            worlds: prepared.extent.worlds.into(),
-            slots: prepared.extent.slots.into(),
-            warmup: prepared.extent.warmup.into(),
-            bound_age_ms: prepared.simulation().bound_age_ms(),
+            vehicles: experiment.source.vehicles(&experiment.scenario) as u64,
+            worlds: experiment.extent.worlds.into(),
+            slots: experiment.extent.slots.into(),
+            warmup: experiment.extent.warmup.into(),
+            bound_age_ms: experiment.simulation().bound_age_ms(),
             mean_age_ms: ages.mean_ms,
             mean_age_ci95_ms: ages.ci95_ms,
             median_world_age_ms: ages.median_world_ms,

@@ -82,11 +82,6 @@ impl Store {
         self.manifest_path().exists()
     }
 
-    /// The folder.
-    pub fn folder(&self) -> &Path {
-        &self.folder
-    }
-
     /// The grid's fingerprint.
     pub fn fingerprint(&self) -> &str {
         &self.fingerprint

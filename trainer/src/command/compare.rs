@@ -3,9 +3,9 @@
 
 use crate::run_folder::RunFolder;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::thread_pool;
-use host_sim::command::run::RunOptions;
+use host_sim::command::run::{RunOptions, results_with_progress};
 use host_sim::policy::{actor, clock};
+use host_sim::thread_pool;
 use kit::error::{Error, Result};
 use kit::say;
 use serde_json::json;
@@ -73,10 +73,10 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
     }
     options.policy.push(&actor::KIND);
     options.check_typed()?;
-    let prepared = options.prepare()?;
+    let experiment = options.source().read()?;
     let pool = thread_pool(options.threads)?;
-    let results = pool.install(|| prepared.results(options.json))?;
-    let mut object = prepared.to_json(&results);
+    let results = pool.install(|| results_with_progress(&experiment, options.json))?;
+    let mut object = experiment.to_json(&results);
     // The actor comes first in any list of policies.
     let [actor, others @ ..] = results.as_slice() else {
         return Err(Error::input("policies", "none", "at least one besides the actor"));

@@ -7,10 +7,11 @@ use crate::provenance::provenance;
 use crate::run_folder::RunFolder;
 use firmware::network::MAX_LAYERS;
 use firmware::table::Provenance;
-use host_sim::command::options::{ScenarioArguments, parse_table, progress_bar, thread_pool};
+use host_sim::command::options::{ScenarioArguments, progress_bar};
 use host_sim::mobility::Grid;
 use host_sim::scenario::Scenario;
 use host_sim::simulation::{Extent, Simulation};
+use host_sim::thread_pool;
 use kit::error::{Error, Result};
 use kit::files::check_folder;
 use kit::say;
@@ -66,9 +67,9 @@ pub fn distil_table_visibly(
             "cross entropy {:.4} over {} samples",
             round.loss, round.samples
         ));
-    });
+    })?;
     progress.finish_and_clear();
-    made
+    Ok(made)
 }
 
 /// Runs and reports.
@@ -77,7 +78,7 @@ pub fn distil_table_visibly(
 /// What cannot be quantised or written.
 pub fn run(arguments: &DistilArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
-    let scenario = arguments.scenario.read([])?;
+    let scenario = arguments.scenario.source().read()?;
     let most = MAX_LAYERS - 1;
     if arguments.hidden.len() > most {
         let found = format!("{} layers", arguments.hidden.len());
@@ -104,7 +105,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     let made =
         pool.install(|| distil_table_visibly(&scenario, &recipe, provenance(recipe.seed), arguments.json))?;
     let seconds = start.elapsed().as_secs_f64();
-    let table = parse_table(None, &made.bytes)?;
+    let table = made.table.parse()?;
     let extent = Extent {
         seed: recipe.seed,
         worlds: 64,
@@ -122,7 +123,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         "scenario": task["scenario"],
         "hidden": task["hidden"],
         "cross_entropy": made.loss,
-        "table_bytes": made.bytes.len(),
+        "table_bytes": made.table.bytes().len(),
         "seconds": seconds,
         "worlds": extent.worlds,
         "slots": extent.slots,
@@ -131,7 +132,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         "float_mean_age_ms": comparison.float_age_ms,
         "age_lost_ms": comparison.quantised_age_ms - comparison.float_age_ms,
     });
-    folder.write(&made.actors, Some(&made.bytes), &report)?;
+    folder.write(&made.actors, Some(made.table.bytes()), &report)?;
     if arguments.json {
         say!("{report}");
     } else {
@@ -139,7 +140,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
             "Distilled the AoI clock in {seconds:.1} s: {} bytes, cross entropy {:.5}.\n\
              On {} held-out worlds x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.\n\
              Written to {}.",
-            made.bytes.len(),
+            made.table.bytes().len(),
             made.loss,
             extent.worlds,
             extent.slots,

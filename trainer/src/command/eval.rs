@@ -5,11 +5,15 @@ use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
-use host_sim::command::options::{parse_table, progress_bar, thread_pool};
-use host_sim::command::run::{PreparedRun, RunOptions};
+use host_sim::command::options::progress_bar;
+use host_sim::command::run::{RunOptions, results_with_progress};
+use host_sim::experiment::{Experiment, ExperimentSource, PolicyResult};
 use host_sim::policy::{KINDS, actor, central};
-use host_sim::report::{PolicyResult, ages};
+use host_sim::report::ages;
 use host_sim::scenario::Preset;
+use host_sim::thread_pool;
+use host_sim::weight_table::WeightTable;
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::say;
 use serde_json::json;
@@ -34,70 +38,59 @@ pub struct EvalArguments {
 /// # Errors
 /// The first input that does not fit.
 pub fn run(arguments: &EvalArguments) -> Result<()> {
-    let mut options = arguments.options.clone();
+    let options = &arguments.options;
     options.check_typed()?;
     let pool = thread_pool(options.threads)?;
+    let mut source = options.source();
     let Some(folder) = &arguments.run else {
-        let prepared = options.prepare()?;
-        let results = pool.install(|| prepared.results(options.json))?;
-        report(&prepared, &results, None, None, options.json);
+        let experiment = source.read()?;
+        let results = pool.install(|| results_with_progress(&experiment, options.json))?;
+        report(&experiment, &results, None, None, options.json);
         return Ok(());
     };
     let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
     if let Some(identity) = &trained.identity {
-        options = in_scenario_of(identity, options)?;
+        take_scenario_of(identity, options, &mut source)?;
     }
-    let asked = std::mem::replace(&mut options.policy, vec![&central::KIND]);
-    let mut prepared = options.prepare()?;
-    check_radio(&prepared, trained.setting)?;
+    let asked = std::mem::replace(&mut source.policies, vec![&central::KIND]);
+    let mut experiment = source.read()?;
+    check_radio(&experiment, trained.setting)?;
     if !asked.is_empty() {
         // The actor is the run's own, which comes anyway.
         let beside = |kind: &&_| asked.contains(kind) && **kind != actor::KIND;
-        prepared.policies = KINDS.iter().copied().filter(beside).collect();
+        experiment.policies = KINDS.iter().copied().filter(beside).collect();
     }
-    let (mut results, agreement) = pool.install(|| trained_results(&prepared, &trained, options.json))?;
-    results.extend(pool.install(|| prepared.results(options.json))?);
+    let (mut results, agreement) = pool.install(|| trained_results(&experiment, &trained, options.json))?;
+    results.extend(pool.install(|| results_with_progress(&experiment, options.json))?);
     let obstacle = trained.obstacle.as_ref();
-    report(&prepared, &results, agreement, obstacle, options.json);
+    report(&experiment, &results, agreement, obstacle, options.json);
     Ok(())
 }
 
-/// The options with the run's scenario below the user's settings.
-fn in_scenario_of(identity: &RunIdentity, mut options: RunOptions) -> Result<RunOptions> {
-    let scenario = &mut options.scenario;
+/// Puts the run's scenario below the user's settings.
+fn take_scenario_of(
+    identity: &RunIdentity,
+    options: &RunOptions,
+    source: &mut ExperimentSource,
+) -> Result<()> {
+    let expected = "none with --run, whose scenario is taken; --set changes it";
+    let scenario = &options.scenario;
     if let Some(file) = &scenario.scenario {
-        return Err(Error::input(
-            "--scenario",
-            file.display(),
-            "none with --run, whose scenario is taken; --set changes it",
-        ));
+        return Err(Error::input("--scenario", file.display(), expected));
     }
     if scenario.preset != Preset::default() {
-        let found = format!("{:?}", scenario.preset);
-        return Err(Error::input(
-            "--preset",
-            found,
-            "none with --run, whose scenario is taken; --set changes it",
-        ));
+        return Err(Error::input("--preset", scenario.preset.name(), expected));
     }
-    let table = toml::Table::try_from(&identity.configuration.scenario)
+    source.scenario.values = toml::Table::try_from(&identity.configuration.scenario)
         .map_err(|error| Error::input("scenario", error, "one that TOML can hold"))?;
-    let mut settings = Vec::new();
-    for (section, keys) in &table {
-        for (key, value) in keys.as_table().into_iter().flatten() {
-            settings.push(format!("{section}.{key}={value}"));
-        }
-    }
-    settings.append(&mut scenario.set);
-    scenario.set = settings;
-    Ok(options)
+    Ok(())
 }
 
 /// Measured gains are relative to full power, and the joiner levels to the required SINR: actors live in the scenario that
 /// they were made for.
-fn check_radio(prepared: &PreparedRun, known: Setting) -> Result<()> {
-    let radio = &prepared.scenario.radio;
-    let asked = Setting::of_scenario(&prepared.scenario);
+fn check_radio(experiment: &Experiment, known: Setting) -> Result<()> {
+    let radio = &experiment.scenario.radio;
+    let asked = Setting::of_scenario(&experiment.scenario);
     if asked.power_plan.max_power != known.power_plan.max_power {
         let expected = format!("{} dBm as in training", known.power_plan.max_power.value());
         return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));
@@ -118,18 +111,14 @@ fn check_radio(prepared: &PreparedRun, known: Setting) -> Result<()> {
 
 /// All forms of the actors, and how far the int8 form decides like the float form.
 fn trained_results(
-    prepared: &PreparedRun,
+    experiment: &Experiment,
     trained: &TrainedActors,
     hide_progress: bool,
 ) -> Result<(Vec<PolicyResult>, Option<f64>)> {
-    let simulation = prepared.simulation();
-    let tables: Result<Vec<Table<'_>>> = trained
-        .tables
-        .iter()
-        .map(|bytes| parse_table(None, bytes))
-        .collect();
+    let simulation = experiment.simulation();
+    let tables: Result<Vec<Table<'_>>> = trained.tables.iter().map(WeightTable::parse).collect();
     let (tables, actors, setting) = (tables?, &trained.actors, trained.setting);
-    let extent = prepared.extent;
+    let extent = experiment.extent;
     let slots = f64::from(extent.worlds) * f64::from(extent.slots_per_world());
     let result = |name, ages: AgeSummary, start: Instant| PolicyResult {
         name,
@@ -161,13 +150,13 @@ fn trained_results(
 }
 
 fn report(
-    prepared: &PreparedRun,
+    experiment: &Experiment,
     results: &[PolicyResult],
     agreement: Option<f64>,
     obstacle: Option<&Error>,
     json: bool,
 ) {
-    let mut object = prepared.to_json(results);
+    let mut object = experiment.to_json(results);
     let mean = |name: &str| {
         results
             .iter()
@@ -178,8 +167,8 @@ fn report(
         .zip(mean("float"))
         .map(|(actor, float)| actor - float);
     if !json {
-        let bound = prepared.simulation().bound_age_ms();
-        say!("{}", ages::table(results, &prepared.description(), bound));
+        let bound = experiment.simulation().bound_age_ms();
+        say!("{}", ages::table(results, &experiment.description(), bound));
     }
     if let Some(float) = mean("float") {
         object["float_mean_age_ms"] = json!(float);

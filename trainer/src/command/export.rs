@@ -10,9 +10,10 @@ use crate::provenance::{provenance, workspace_folder};
 use crate::run_folder::RunFolder;
 use crate::trained_actors::table_of;
 use firmware::table::Table;
-use host_sim::command::options::{parse_table, thread_pool};
 use host_sim::deadline::cycles::{SLOT_CYCLES, slot_cycles};
 use host_sim::revision::revision_text;
+use host_sim::thread_pool;
+use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::{check_output, write_whole};
 use kit::say;
@@ -76,7 +77,7 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
     let mut inputs = run.iter().flat_map(RunFolder::records).collect::<Vec<_>>();
     inputs.push(source.clone());
     check_output("--out", &arguments.out, &inputs)?;
-    let bytes = match &run {
+    let table = match &run {
         Some(folder) => {
             let actors = folder.read_actors()?;
             let vehicle = chosen(actors.networks.len(), arguments.vehicle)?;
@@ -95,13 +96,12 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
                     arguments.json,
                 )
             })?
-            .bytes
+            .table
         }
     };
-    let place = run.as_ref().map(RunFolder::table);
-    let table = parse_table(place.as_deref(), &bytes)?;
+    let table = table.parse()?;
     let command = "cargo run --release -p trainer -- export";
-    write_whole(&arguments.out, &bytes)?;
+    write_whole(&arguments.out, table.bytes())?;
     let out = arguments.out.display();
     // A unit whose slots are too long for its decisions misses every one of them.
     let fits = slot_share(&table) < 1.0;
@@ -140,22 +140,23 @@ fn chosen(actors: usize, vehicle: Option<usize>) -> Result<usize> {
 
 /// Distils the shipped table again, with the provenance it states.
 fn check(json: bool) -> Result<()> {
-    let shipped = parse_table(None, firmware::tables::DISTILLED)?;
+    let shipped = WeightTable::read_or_built_in(None)?;
+    let shipped = shipped.parse()?;
     let stated = *shipped.provenance();
     let recipe = Recipe {
         seed: stated.seed,
         ..Recipe::default()
     };
     let made = distil_table_visibly(&shipped_scenario()?, &recipe, stated, json)?;
+    let made = made.table.bytes();
     let different = made
-        .bytes
         .iter()
         .zip(shipped.bytes())
         .position(|(made, shipped)| made != shipped);
-    if made.bytes.len() != shipped.bytes().len() || different.is_some() {
+    if made.len() != shipped.bytes().len() || different.is_some() {
         let found = match different {
             Some(offset) => format!("another byte at offset {offset}"),
-            None => format!("{} bytes", made.bytes.len()),
+            None => format!("{} bytes", made.len()),
         };
         return Err(Error::input(
             format!("the table of seed {}", stated.seed),

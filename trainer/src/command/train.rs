@@ -8,7 +8,9 @@ use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::metrics_log::MetricsLog;
 use crate::onnx;
 use crate::run_folder::{RunFolder, RunIdentity};
-use host_sim::command::options::{choice, progress_bar, thread_pool};
+use host_sim::command::options::{choice, progress_bar};
+use host_sim::thread_pool;
+use host_sim::weight_table::WeightTable;
 use indicatif::ProgressBar;
 use kit::error::{Error, Result};
 use kit::files::write_whole;
@@ -195,11 +197,11 @@ fn conclude(
         "form": actors.form,
         "widths": actors.networks[0].widths(),
         "networks": actors.networks.len(),
-        "table_bytes": table.as_ref().map(Vec::len),
+        "table_bytes": table.as_ref().map(|table| table.bytes().len()),
         "no_table_because": obstacle,
         "last": log.last().collect::<serde_json::Map<_, _>>(),
     });
-    folder.write(&actors, table.as_deref(), &report)?;
+    folder.write(&actors, table.as_ref().map(WeightTable::bytes), &report)?;
     Ok(report)
 }
 

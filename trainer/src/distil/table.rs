@@ -5,11 +5,11 @@ use crate::export::{Header, table_bytes};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::quantise::quantise;
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::table::{Provenance, Table};
-use host_sim::command::options::parse_table;
+use firmware::table::Provenance;
 use host_sim::policy::power_plan;
 use host_sim::scenario::{Scenario, ScenarioSource};
-use kit::error::{Error, Result};
+use host_sim::weight_table::WeightTable;
+use kit::error::Result;
 
 /// A table and the network behind it.
 pub struct DistilledTable {
@@ -17,8 +17,8 @@ pub struct DistilledTable {
     pub actors: Actors,
     /// Mean cross entropy of the last round.
     pub loss: f32,
-    /// The table's bytes.
-    pub bytes: Vec<u8>,
+    /// The table.
+    pub table: WeightTable,
 }
 
 /// The scenario that the shipped table is distilled in: the paper's.
@@ -40,8 +40,6 @@ pub fn distil_table(
     progress: impl FnMut(Round),
 ) -> Result<DistilledTable> {
     let distilled = distil(scenario, recipe, progress);
-    let quantised = quantise(&distilled.network, distilled.inputs.as_flattened(), None)
-        .map_err(|error| Error::input("quantisation", error, "a network that fits int8"))?;
     let form = ActorForm {
         observation: ObservationForm::HomeFirst,
         output: OutputForm::Actions,
@@ -57,16 +55,16 @@ pub fn distil_table(
         power_plan: power_plan(scenario),
         provenance,
     };
-    let bytes = table_bytes(&quantised, &header)
-        .map_err(|error| Error::input("table", error, "a network that the kernel computes exactly"))?;
-    // The firmware's own reader has the last word on what a table is.
-    let _: Table<'_> = parse_table(None, &bytes)?;
+    let bytes = quantise(&distilled.network, distilled.inputs.as_flattened(), None)
+        .and_then(|quantised| table_bytes(&quantised, &header))
+        .map_err(|error| error.within("distilled network"))?;
     Ok(DistilledTable {
         actors: Actors {
             form,
             networks: vec![distilled.network],
         },
         loss: distilled.loss,
-        bytes,
+        // The firmware's own reader has the last word on what a table is.
+        table: WeightTable::new("distilled table", bytes)?,
     })
 }

@@ -8,7 +8,9 @@
 pub mod actors;
 pub mod checkpoint;
 pub mod learner;
+#[cfg(feature = "program")]
 pub mod metrics_log;
 pub mod random;
 pub mod state;
+#[cfg(feature = "program")]
 pub mod tensorboard;

@@ -1,7 +1,9 @@
 //! Link flows as files: CSV, or Parquet where the name ends in `.parquet`.
 
 use crate::report::columns::{Column, Columns};
-use assignment::{Network, check};
+use assignment::Network;
+use assignment::check::{self, FlowRow};
+use assignment::link::check_not_negative;
 use kit::error::{Error, Result};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::{Field, Row};
@@ -65,32 +67,48 @@ pub(super) fn read(path: &Path, network: &Network) -> Result<Vec<f64>> {
     let file = File::open(path).map_err(|source| Error::file(path, source))?;
     let broken = |failure: parquet::errors::ParquetError| Error::input(&place, failure, "a Parquet file");
     let reader = SerializedFileReader::new(file).map_err(broken)?;
-    let mut text = format!("{}\n", check::HEADER);
-    for row in reader.get_row_iter(None).map_err(broken)? {
-        let row = row.map_err(broken)?;
-        let fields = columns().map(|name| field(&row, name));
-        for (index, (name, field)) in columns().into_iter().zip(fields).enumerate() {
-            let expected = format!("numbers or names in a column `{name}`");
-            let field = field.ok_or_else(|| Error::input(&place, format!("none in `{name}`"), expected))?;
-            text.push_str(if index == 0 { "" } else { "," });
-            text.push_str(&field);
-        }
-        text.push('\n');
-    }
-    check::parse_flows(&place, &text, network)
+    // Counted like the lines of a CSV, which has a header.
+    let rows = reader.get_row_iter(None).map_err(broken)?.zip(2..);
+    let rows = rows.map(|(row, line)| flow_row(format!("{place}:{line}"), &row.map_err(broken)?));
+    check::volumes(&place, rows, network)
 }
 
-/// A field as CSV has it.
-fn field(row: &Row, name: &str) -> Option<String> {
-    let (_, field) = row.get_column_iter().find(|(column, _)| *column == name)?;
+/// A row of a Parquet file, whose columns may come in any order.
+fn flow_row(place: String, row: &Row) -> Result<FlowRow> {
+    let [init_node, term_node, volume, cost] = columns();
+    let column = |name: &str| {
+        let found = row.get_column_iter().find(|(column, _)| *column == name);
+        found.map(|(_, field)| field)
+    };
+    let node = |name: &str| {
+        let found = column(name).and_then(|field| match field {
+            Field::Str(text) => Some(text.clone()),
+            field => whole(field).map(|number| number.to_string()),
+        });
+        found.ok_or_else(|| Error::input(format!("{place}: {name}"), "none", "a node's number or name"))
+    };
+    let number = |name: &str| {
+        let found = column(name).and_then(|field| match field {
+            Field::Double(number) => Some(*number),
+            Field::Float(number) => Some(f64::from(*number)),
+            field => whole(field).map(|number| number as f64),
+        });
+        let place = format!("{place}: {name}");
+        let number = found.ok_or_else(|| Error::input(&place, "none", "a number"))?;
+        check_not_negative(&place, number).map(|()| number)
+    };
+    let (nodes, volume) = ([node(init_node)?, node(term_node)?], number(volume)?);
+    let _cost = number(cost)?;
+    Ok(FlowRow { place, nodes, volume })
+}
+
+/// A whole number of any width.
+fn whole(field: &Field) -> Option<i128> {
     match field {
-        Field::Str(text) => Some(text.clone()),
-        Field::Double(number) => Some(number.to_string()),
-        Field::Float(number) => Some(number.to_string()),
-        Field::Int(number) => Some(number.to_string()),
-        Field::Long(number) => Some(number.to_string()),
-        Field::UInt(number) => Some(number.to_string()),
-        Field::ULong(number) => Some(number.to_string()),
+        Field::Int(number) => Some((*number).into()),
+        Field::Long(number) => Some((*number).into()),
+        Field::UInt(number) => Some((*number).into()),
+        Field::ULong(number) => Some((*number).into()),
         _ => None,
     }
 }
