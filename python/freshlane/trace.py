@@ -37,7 +37,7 @@ def mobility_of(mobility: str | PathLike[str] | Trace) -> Trace | None:
     return None if mobility == "grid" else read_trace(mobility)
 
 
-def _parse(name: str, file: IO[bytes]) -> Trace:
+def _parse(name: str, file: IO[bytes] | gzip.GzipFile) -> Trace:
     reader = TraceReader(name)
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: reader.open(parser.CurrentLineNumber, tag, attributes)
