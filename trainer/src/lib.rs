@@ -27,6 +27,8 @@ pub mod run_folder;
 #[cfg(feature = "program")]
 pub mod study;
 pub mod trained_actors;
+#[cfg(feature = "program")]
+pub mod training;
 
 pub use configuration::{Algorithm, Configuration, ConfigurationSource, Preset};
 pub use evaluate::{Comparison, compare};

@@ -2,11 +2,11 @@
 //!
 //! Runs live in folders of their own and go on where they were interrupted; a finished one is not done again.
 
-use crate::command::train::{Conduct, train};
 use crate::configuration::{Configuration, ConfigurationSource, Preset};
 use crate::evaluate::{exploring, float, quantised};
 use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
+use crate::training::{Conduct, train};
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::mobility::Grid;
@@ -212,7 +212,6 @@ impl Plan {
         let conduct = Conduct {
             resume: true,
             checkpoint_every: Duration::from_secs(30),
-            quiet: true,
         };
         let stamp = json!({ "run": identity.to_json(), "evaluation": self.evaluation });
         let evaluation = path.join("evaluation.json");
@@ -220,7 +219,7 @@ impl Plan {
         let forms = match known {
             Some(forms) if folder.report().exists() => forms,
             _ => {
-                let _report = train(&identity, &path, &conduct)?;
+                let _report = train(&identity, &path, &conduct, |_| ())?;
                 let forms = self.evaluation.forms(&identity, &TrainedActors::read(&folder)?)?;
                 let object = json!({ "stamp": stamp, "forms": forms });
                 write_whole(&evaluation, format!("{object:#}\n").as_bytes())?;

@@ -1,0 +1,218 @@
+//! A training run in its folder: episode after episode, with metrics, checkpoints and, at the end, everything that a run leaves.
+
+use crate::actor_file;
+use crate::actor_table::{actor_tables, check_widths};
+use crate::laboratory::checkpoint;
+use crate::laboratory::learner::{Learner, Metrics};
+use crate::laboratory::metrics_log::MetricsLog;
+use crate::onnx;
+use crate::run_folder::{RunFolder, RunIdentity};
+use host_sim::weight_table::WeightTable;
+use kit::error::{Error, Result};
+use kit::files::write_whole;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How a run is carried out; none of it changes the result.
+#[derive(Clone, Copy, Debug)]
+pub struct Conduct {
+    /// Go on with the run in the folder, if it has begun.
+    pub resume: bool,
+    /// Least time between two checkpoints.
+    pub checkpoint_every: Duration,
+}
+
+/// What happens on the way, for who looks on.
+#[derive(Clone, Copy, Debug)]
+pub enum Progress<'m> {
+    /// The run begins, or goes on after `done` of `length` episodes.
+    Begun {
+        /// Episodes of the whole run.
+        length: u64,
+        /// Episodes done before.
+        done: u64,
+    },
+    /// A run that was to go on has no checkpoint, and begins anew.
+    NoCheckpoint,
+    /// An episode ended.
+    Episode {
+        /// Episodes done.
+        done: u64,
+        /// Its metrics.
+        metrics: &'m Metrics,
+    },
+}
+
+/// Trains in a folder, on the current rayon pool, and gives the report that is also written there. `watch` is told how it goes.
+///
+/// # Errors
+/// What is wrong with the configuration or the folder, a learner that diverges, and what cannot be written.
+pub fn train(
+    identity: &RunIdentity,
+    out: &Path,
+    conduct: &Conduct,
+    mut watch: impl FnMut(&Progress<'_>),
+) -> Result<Value> {
+    let mut learner = identity.configuration.learner(identity.seed)?;
+    let folder = RunFolder::new(out);
+    let _claim = folder.claim(identity, conduct.resume)?;
+    let run = identity.to_json();
+    if !restore(learner.as_mut(), &folder, &run)? && conduct.resume {
+        watch(&Progress::NoCheckpoint);
+    }
+    let (length, before) = (learner.length(), learner.done());
+    let mut log = MetricsLog::open(&folder.metrics(), &folder.events(), before)?;
+    watch(&Progress::Begun { length, done: before });
+    let mut checkpointed = Instant::now();
+    let mut saved = before;
+    while learner.done() < length {
+        let metrics = learner.advance();
+        log.push(&metrics)?;
+        watch(&Progress::Episode {
+            done: learner.done(),
+            metrics: &metrics,
+        });
+        if checkpointed.elapsed() >= conduct.checkpoint_every || learner.done() == length {
+            save(learner.as_ref(), &folder, &run, &mut log)?;
+            saved = learner.done();
+            checkpointed = Instant::now();
+        }
+    }
+    if saved < length {
+        let found = format!("{saved} episodes");
+        return Err(Error::input(folder.checkpoint().display(), found, length));
+    }
+    conclude(learner.as_ref(), identity, &folder, &log)
+}
+
+/// Goes back to the folder's checkpoint; whether there is one.
+fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result<bool> {
+    let path = folder.checkpoint();
+    if !path.exists() {
+        return Ok(false);
+    }
+    let place = path.display().to_string();
+    let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
+    let state = checkpoint::from_bytes(&place, &bytes, run)?;
+    learner.restore(state).map_err(|error| error.within(place))?;
+    Ok(true)
+}
+
+/// Metrics first: a checkpoint never knows of an episode that they lack. A learner that holds anything but numbers ends the run, and
+/// leaves the last checkpoint that was sound.
+fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut MetricsLog) -> Result<()> {
+    log.flush()?;
+    let state = learner.state();
+    state
+        .check_finite()
+        .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
+    let bytes = checkpoint::to_bytes(run, &state)?;
+    write_whole(&folder.checkpoint(), &bytes)?;
+    write_whole(&folder.actors(), &actor_file::to_bytes(&learner.actors())?)
+}
+
+/// Writes what a finished run leaves behind.
+fn conclude(
+    learner: &dyn Learner,
+    identity: &RunIdentity,
+    folder: &RunFolder,
+    log: &MetricsLog,
+) -> Result<Value> {
+    log.write_parquet(&folder.parquet())?;
+    let actors = learner.actors();
+    actors.check()?;
+    if actors.shared() {
+        let model = onnx::model(&actors.networks[0], actors.form.output);
+        write_whole(&folder.onnx(), &model)?;
+    }
+    // An actor may not fit a table; that is a finding, not a failure of the training.
+    let made = if actors.shared() {
+        actor_tables(identity, &actors, 0..1).map(|tables| tables.into_iter().next())
+    } else {
+        check_widths(&actors).map(|()| None)
+    };
+    let (table, obstacle) = match made {
+        Ok(Some(table)) => (Some(table), None),
+        Ok(None) => (
+            None,
+            Some("one actor for each vehicle; export --vehicle makes its table".to_owned()),
+        ),
+        Err(error) => (None, Some(error.to_string())),
+    };
+    let report = json!({
+        "algorithm": identity.configuration.algorithm.name(),
+        "seed": identity.seed,
+        "episodes": learner.done(),
+        "form": actors.form,
+        "widths": actors.networks[0].widths(),
+        "networks": actors.networks.len(),
+        "table_bytes": table.as_ref().map(|table| table.bytes().len()),
+        "no_table_because": obstacle,
+        "last": log.last().collect::<serde_json::Map<_, _>>(),
+    });
+    folder.write(&actors, table.as_ref().map(WeightTable::bytes), &report)?;
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::configuration::Preset;
+    use crate::laboratory::actors::Actors;
+    use crate::laboratory::state::{State, Values};
+
+    /// Another learner, with one value that is no number.
+    struct Diverged(Box<dyn Learner>);
+
+    impl Learner for Diverged {
+        fn length(&self) -> u64 {
+            self.0.length()
+        }
+
+        fn done(&self) -> u64 {
+            self.0.done()
+        }
+
+        fn advance(&mut self) -> Metrics {
+            self.0.advance()
+        }
+
+        fn state(&self) -> State {
+            let mut state = self.0.state();
+            let mut tensors = state.tensors.values_mut();
+            let first = tensors.find_map(|tensor| match &mut tensor.values {
+                Values::F32(values) => values.first_mut(),
+                _ => None,
+            });
+            *first.unwrap() = f32::NAN;
+            state
+        }
+
+        fn restore(&mut self, state: State) -> Result<()> {
+            self.0.restore(state)
+        }
+
+        fn actors(&self) -> Actors {
+            self.0.actors()
+        }
+    }
+
+    #[test]
+    fn what_diverged_does_not_replace_what_was_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let mut learner = Preset::Evolution.with(&[]).unwrap().learner(1).unwrap();
+        let mut log = MetricsLog::open(&run.metrics(), &run.events(), 0).unwrap();
+        save(learner.as_ref(), &run, &Value::Null, &mut log).unwrap();
+        let saved = || [run.checkpoint(), run.actors()].map(|path| std::fs::read(path).unwrap());
+        let before = saved();
+        let _metrics = learner.advance();
+        let failure = save(&Diverged(learner), &run, &Value::Null, &mut log).unwrap_err();
+        assert_eq!(
+            failure.to_string(),
+            "after episode 1: deviation: found NaN, expected finite numbers"
+        );
+        assert_eq!(saved(), before);
+    }
+}
