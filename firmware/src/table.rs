@@ -167,6 +167,16 @@ impl Display for TableError {
 impl core::error::Error for TableError {}
 
 /// A checked table. Copies nothing: the layers point into the bytes.
+///
+/// ```
+/// use firmware::table::Table;
+///
+/// let table = Table::parse(firmware::tables::DISTILLED)?;
+/// assert!(table.max_vehicles() >= 20);
+/// let cut = &firmware::tables::DISTILLED[..100];
+/// assert!(Table::parse(cut).is_err());
+/// # Ok::<(), firmware::table::TableError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Table<'t> {
     network: Network<'t>,

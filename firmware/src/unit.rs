@@ -101,6 +101,20 @@ pub fn back_off(device: [u32; 3]) -> Pcg32 {
 }
 
 /// A vehicle's unit. `R` drives the fallback's back-off; nominal decisions use no generator.
+///
+/// ```
+/// use firmware::decision::Decision;
+/// use firmware::tables::DISTILLED;
+/// use firmware::unit::{Event, Unit, back_off};
+/// use firmware::units::SlotIndex;
+///
+/// let mut unit = Unit::new(DISTILLED, back_off([1, 2, 3]));
+/// // The modem measured nothing yet: a unit that knows nothing stays silent.
+/// let report = unit.slot(&Event::Missed(SlotIndex(7)));
+/// assert!(report.is_some_and(|report| report.decision == Decision::Silent));
+/// // Every slot is decided once.
+/// assert_eq!(unit.slot(&Event::Missed(SlotIndex(7))), None);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Unit<'t, R> {
     actor: Result<Actor<'t>, TableError>,

@@ -20,8 +20,7 @@ use host_sim::senses::Senses;
 use host_sim::simulation::{Extent, Simulation};
 use kit::error::{Error, Result};
 
-/// What the command line would know of the policy. To give it a place there, move this file to `host-sim/src/policy/` and add
-/// its name to the list in `mod.rs`.
+/// What the command line would know of the policy; `docs/develop.md` says how to give it a place there.
 static KIND: Kind = Kind {
     name: "half",
     meaning: "Whoever's age has reached its period sends in one of two slots.",

@@ -35,6 +35,8 @@ pub struct Announcements {
 pub struct BaseStation {
     shrink_delay_slots: u32,
     announcements: Announcements,
+    /// Slot in which each vehicle associated. `[vehicle][world]`.
+    associated_at: Rows<u32>,
     /// `[group][world]`.
     members: Rows<u16>,
     /// Sizes of the past that still count, each with the last slot in which it held: a decrease is announced late.
@@ -57,6 +59,7 @@ impl BaseStation {
         let counts = Rows::new(worlds, sub_channels, 0);
         Self {
             shrink_delay_slots: scenario.shrink_delay_slots,
+            associated_at: Rows::new(worlds, vehicles, 0),
             members: counts.clone(),
             past: VecDeque::new(),
             spare: Vec::new(),
@@ -77,6 +80,11 @@ impl BaseStation {
     /// What vehicles are told.
     pub fn announcements(&self) -> &Announcements {
         &self.announcements
+    }
+
+    /// Slot, counted from the start, in which each present vehicle associated. `[vehicle][world]`.
+    pub fn associated_at(&self) -> &Rows<u32> {
+        &self.associated_at
     }
 
     /// Associates the vehicles of `arrivals` in one world and lets go those of `departures`. Vehicles that arrive together are
@@ -134,6 +142,7 @@ impl BaseStation {
         let smallest = (0..self.announcements.groups).min_by_key(|&group| self.members.get(world, group));
         if let Some(group) = smallest {
             self.announcements.home.set(world, vehicle, group as u8);
+            self.associated_at.set(world, vehicle, self.slot);
             let members = self.members.get(world, group);
             self.members.set(world, group, members + 1);
         }

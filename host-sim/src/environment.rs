@@ -28,6 +28,27 @@ use std::ops::Range;
 const FIRST_SLOT: u32 = Age::MAX.slots() as u32;
 
 /// Worlds of one scenario at the beginning of a slot, before anybody decides.
+///
+/// ```
+/// use host_sim::decisions::Decisions;
+/// use host_sim::mobility::Grid;
+/// use host_sim::policy::power_plan;
+/// use host_sim::stream::Purpose;
+/// use host_sim::{Environment, ScenarioSource};
+///
+/// # fn main() -> host_sim::Result<()> {
+/// let scenario = ScenarioSource::default().read()?;
+/// let mut environment = Environment::new(&scenario, &Grid, 1, Purpose::Evaluation, 0..2);
+/// let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+/// // In world 0 vehicle 3 sends alone, on sub-channel 1 at full power.
+/// decisions.transmit(0, 3, 1, power_plan(&scenario).max_power);
+/// environment.step(&decisions);
+/// let age = if environment.received(0, 3) { 1 } else { 100 };
+/// assert_eq!(environment.age(0, 3).slots(), age);
+/// assert_eq!(environment.age(1, 3).slots(), 100);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Environment<'s> {
     scenario: &'s Scenario,
     source: &'s dyn MobilitySource,
@@ -373,8 +394,8 @@ impl<'s> Environment<'s> {
         self.begin_slot();
     }
 
-    /// How many slots those waited to be heard who joined a world that was running: see [`Churn::waits`]. Slots count from
-    /// the world's start.
+    /// How many slots those waited to be heard who joined a world that was running, from slot `first` after its start on and early
+    /// enough to be counted; `None` who never was.
     pub fn joiner_waits(&self, world: usize, first: u32) -> Vec<Option<u32>> {
         let churn = self.churn.get(world);
         churn.map_or_else(Vec::new, |churn| churn.waits(first, self.elapsed()).collect())
@@ -407,6 +428,7 @@ impl<'s> Environment<'s> {
             worlds: self.worlds(),
             sub_channels: self.sub_channels(),
             presence: &self.presence,
+            associated_at: self.base_station.associated_at(),
             ages: &self.ages,
             receptions: self.radio.received(),
             announcements: self.base_station.announcements(),

@@ -15,6 +15,9 @@ pub struct Knowledge<'t> {
     pub sub_channels: usize,
     /// The associated vehicles.
     pub presence: &'t Presence,
+    /// The slot, counted from the start, at which a present vehicle associated: a later one at the same index is another vehicle.
+    /// `[vehicle][world]`.
+    pub associated_at: &'t Rows<u32>,
     /// Slots since a vehicle was last received, saturating: its age of information, `[vehicle][world]`.
     pub ages: &'t Rows<u8>,
     /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.

@@ -40,9 +40,13 @@ fn every_policy_on_small_worlds() {
     if std::env::var_os("BLESS").is_some() {
         std::fs::write(path, &found).unwrap();
     }
-    assert_eq!(
-        found,
-        std::fs::read_to_string(path).unwrap(),
-        "see this test's file for how to bless a wanted change"
+    let expected = std::fs::read_to_string(path).unwrap();
+    let differing = found
+        .lines()
+        .filter(|line| !expected.lines().any(|known| known == *line));
+    assert!(
+        found == expected,
+        "{path} does not have:\n{}\nafter a wanted change: BLESS=1 cargo test -p host-sim --test golden",
+        differing.collect::<Vec<_>>().join("\n")
     );
 }

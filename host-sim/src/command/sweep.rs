@@ -32,7 +32,7 @@ impl GridArguments {
     /// Reads the grid.
     ///
     /// # Errors
-    /// As [`Grid::read`].
+    /// What is wrong with the grid.
     pub fn read(&self) -> Result<Grid> {
         Grid::read(&self.grid, self.seeds.as_ref().map(|seeds| seeds.0.as_slice()))
     }

@@ -37,7 +37,62 @@ kinds! {
     always
 }
 
+// No two policies draw from the same streams.
+const _: () = {
+    let mut first = 0;
+    while first < KINDS.len() {
+        let mut second = first + 1;
+        while second < KINDS.len() {
+            assert!(
+                KINDS[first].stream != KINDS[second].stream,
+                "a number of random streams that another policy has"
+            );
+            second += 1;
+        }
+        first += 1;
+    }
+};
+
 /// A decentralised policy: every vehicle decides from what it alone senses.
+///
+/// ```
+/// use firmware::decision::{Action, PowerPlan};
+/// use firmware::observation::Observation;
+/// use host_sim::decisions::VehicleDecisions;
+/// use host_sim::mobility::Grid;
+/// use host_sim::policy::power_plan;
+/// use host_sim::senses::Senses;
+/// use host_sim::{Decider, Extent, Policy, ScenarioSource, Simulation};
+///
+/// /// Sends at full power in every slot in which its age is a multiple of its group's size.
+/// struct Punctual(PowerPlan);
+///
+/// impl Policy for Punctual {
+///     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
+///         for world in 0..senses.worlds() {
+///             let Some(measurement) = senses.measurement(world) else { continue };
+///             if measurement.age().slots() % measurement.broadcast().period.slots() == 0 {
+///                 let observation = Observation::new(&measurement);
+///                 decisions.set(world, self.0.decision(Action::FullPower, &observation));
+///             }
+///         }
+///     }
+/// }
+///
+/// # fn main() -> host_sim::Result<()> {
+/// let scenario = ScenarioSource::default().read()?;
+/// let simulation = Simulation {
+///     scenario: &scenario,
+///     source: &Grid,
+///     extent: Extent { seed: 1, worlds: 2, slots: 100, warmup: 0 },
+/// };
+/// let build = |_: &_| Decider::Policy(Box::new(Punctual(power_plan(&scenario))));
+/// let (ages, _) = simulation.run(build, |_, _| ())?;
+/// // All begin with the largest age, so all have the same turn and collide for ever.
+/// assert!(ages.mean_ms > 50.0);
+/// # Ok(())
+/// # }
+/// ```
 pub trait Policy {
     /// Hears what is broadcast to everybody in a row of worlds, before their vehicles decide.
     fn hear(&mut self, _broadcasts: &Broadcasts<'_>) {}
@@ -75,8 +130,8 @@ pub struct Kind {
     pub name: &'static str,
     /// What it does, in one sentence.
     pub meaning: &'static str,
-    /// Number of its random streams: another for every policy, and never changed, so that no policy's bytes depend on which
-    /// others there are.
+    /// Number of its random streams, one that no other policy has and that never changes, even if it draws nothing: no policy's
+    /// bytes depend on which others there are. 0 to 6 are taken.
     pub stream: u32,
     /// What it does not work without.
     pub needs: Needs,
@@ -97,7 +152,7 @@ pub enum Needs {
 
 impl PartialEq for Kind {
     fn eq(&self, other: &Self) -> bool {
-        self.stream == other.stream
+        std::ptr::eq(self, other)
     }
 }
 
@@ -120,9 +175,9 @@ impl Choice for &'static Kind {
 pub struct Setup<'e> {
     /// The cell.
     pub scenario: &'e Scenario,
-    /// How many vehicles there is room for; their indices are below.
+    /// How many vehicles a world has room for: their indices are 0 to one less.
     pub vehicles: usize,
-    /// The most vehicles at once.
+    /// The most vehicles that are ever present in a world at once.
     pub most_vehicles: usize,
     /// Known here alone: whoever has a world's key can draw its channel.
     keys: &'e [WorldKey],

@@ -10,6 +10,22 @@ use actions::ActionSpace;
 
 /// A batch of equal worlds that advance together, begun and not ended: who ends an episode is the learner.
 ///
+/// ```
+/// use trainer::game::toy::Turns;
+/// use trainer::game::{Game, Tally};
+///
+/// let mut game = Turns::new(16);
+/// let shape = game.shape();
+/// let mut known = vec![0.0; shape.rows() * shape.known];
+/// game.know(&mut known);
+/// // In every world the first agent sends and the second is silent.
+/// let actions: Vec<f32> = (0..shape.rows()).map(|row| f32::from(row % 2 == 0)).collect();
+/// let (mut rewards, mut tally) = (vec![0.0; shape.rows()], Tally::default());
+/// game.step(&actions, &mut rewards, &mut tally);
+/// assert_eq!(rewards[0], -1.0);
+/// assert_eq!(tally.received, 16.0);
+/// ```
+///
 /// Rows are `[world][agent]`. One trait serves both families of learners: what an actor observes is the first part of what a critic
 /// knows, and a choice is its index, so that one call gives all of the former and one takes all of the latter.
 pub trait Game {
