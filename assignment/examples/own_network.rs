@@ -4,9 +4,9 @@
 //! $ cargo run --release -p assignment --example own_network
 //! ```
 
-use assignment::demand::Trip;
-use assignment::{CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, assign};
-use kit::error::Result;
+use assignment::{
+    CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, Result, Trip, assign,
+};
 
 fn main() -> Result<()> {
     // Nodes count from 1 and zones come first: trips start and end in 1 and 2. Nodes 3 and 4 are junctions.

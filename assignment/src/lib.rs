@@ -5,9 +5,9 @@
 //! [`Objective::SystemOptimum`] the sum of all travel costs is least (his second).
 //!
 //! ```
-//! use assignment::{Algorithm, Options, assign, grid::Grid};
+//! use assignment::{Algorithm, Options, Result, assign, grid::Grid};
 //!
-//! # fn main() -> kit::error::Result<()> {
+//! # fn main() -> Result<()> {
 //! let grid = Grid::default();
 //! let options = Options { gap: 1e-12, ..Options::default() };
 //! let solution = assign(&grid.network()?, &grid.demand()?, &options)?;
@@ -16,6 +16,8 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! `cargo run -p assignment --example own_network` builds a network of its own: two towns, a bridge and a bypass.
 //!
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
@@ -69,14 +71,14 @@ pub mod volume_delay;
 mod xml;
 
 pub use assigner::Assigner;
-pub use demand::Demand;
+pub use demand::{Demand, Trip};
+pub use kit::error::{Error, Result};
 pub use link::{CostWeights, Link, NodeNumbering};
 pub use network::{Names, Network};
 pub use path_flows::PathFlow;
 pub use volume_delay::VolumeDelay;
 
 use kit::choice::Choice;
-use kit::error::{Error, Result};
 use problem::Problem;
 
 /// How the flows are found.

@@ -1,7 +1,8 @@
 //! Statistics of ages over slots, vehicles and worlds.
 
+use crate::environment::Environment;
 use crate::lanes::{LANES, Row, Rows, Vectors};
-use crate::presence::Presence;
+
 use firmware::units::Age;
 
 /// Slots at the start whose mean age is reported as `first100`.
@@ -100,20 +101,31 @@ impl AgeCounter {
         }
     }
 
-    /// Takes in one slot's ages after its transmissions, `[vehicle][world]`, and how many of these succeeded, one item.
-    pub fn record(
+    /// Takes in what a slot with this index, counted from the start, has left: ages after its transmissions, and how many of
+    /// these succeeded.
+    pub fn record(&mut self, slot: u32, environment: &Environment<'_>) {
+        let (ages, successes) = (environment.ages(), environment.successes());
+        match environment.presence().rows() {
+            Some(here) => self.record_present(slot, here, ages, successes),
+            None => self.record_all(
+                environment.vectors(),
+                slot,
+                environment.present(),
+                ages,
+                successes,
+            ),
+        }
+    }
+
+    /// [`AgeCounter::record`] where the same vehicles are present in every world.
+    fn record_all(
         &mut self,
         vectors: Vectors,
         slot: u32,
-        presence: &Presence,
+        present: &[usize],
         ages: &Rows<u8>,
         successes: &Rows<u16>,
     ) {
-        if let Some(here) = presence.rows() {
-            self.record_present(slot, here, ages, successes);
-            return;
-        }
-        let present = presence.vehicles();
         let warm = slot >= self.warmup;
         let start = self.start_counts.len();
         let starting = start < START_CURVE_SLOTS;
@@ -424,7 +436,6 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mobility::Place;
 
     #[test]
     fn ideal_ages() {
@@ -439,13 +450,11 @@ mod tests {
     #[test]
     fn summary_of_known_ages() {
         let mut counter = AgeCounter::new(2, 2, 1);
-        let mut presence = Presence::new(2, 1, false);
-        presence.update(0, &[(0, Place::default())], &mut Vec::new(), &mut Vec::new());
         for slot in 0..4 {
             let mut ages = Rows::new(2, 1, 0);
             ages.set(0, 0, 1 + slot as u8);
             ages.set(1, 0, 3 + slot as u8);
-            counter.record(Vectors::widest(), slot, &presence, &ages, &Rows::new(2, 1, 1));
+            counter.record_all(Vectors::widest(), slot, &[0], &ages, &Rows::new(2, 1, 1));
         }
         let worlds = counter.worlds();
         let summary = AgeSummary::new(&worlds).unwrap();

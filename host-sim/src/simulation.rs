@@ -151,13 +151,7 @@ pub fn run_worlds(
     let mut decisions = Decisions::new(worlds, vehicles);
     for slot in 0..extent.slots_per_world() {
         run_slot(environment, decider, &mut decisions);
-        ages.record(
-            environment.vectors(),
-            slot,
-            environment.presence(),
-            environment.ages(),
-            environment.successes(),
-        );
+        ages.record(slot, environment);
         after_slot(environment);
     }
     if let Some(error) = environment.take_failure() {

@@ -181,13 +181,7 @@ fn scripted(kind: &Kind, worlds: std::ops::Range<u64>) -> Vec<String> {
     let mut ages = AgeCounter::new(300, environment.worlds(), ROOM);
     for slot in 0..900 {
         run_slot(&mut environment, &mut decider, &mut decisions);
-        ages.record(
-            environment.vectors(),
-            slot,
-            environment.presence(),
-            environment.ages(),
-            environment.successes(),
-        );
+        ages.record(slot, &environment);
     }
     let counted = ages.worlds().into_iter().enumerate();
     counted

@@ -259,13 +259,7 @@ impl Worlds {
             } = task;
             environment.step(decisions);
             if let Some(counter) = counter {
-                counter.record(
-                    environment.vectors(),
-                    slot,
-                    environment.presence(),
-                    environment.ages(),
-                    environment.successes(),
-                );
+                counter.record(slot, environment);
             }
         });
     }

@@ -89,13 +89,7 @@ impl Run {
             self.environment.step(&self.decisions);
         }
         let environment = &self.environment;
-        self.counter.record(
-            environment.vectors(),
-            slot,
-            environment.presence(),
-            environment.ages(),
-            environment.successes(),
-        );
+        self.counter.record(slot, environment);
         let ages = environment
             .present()
             .iter()

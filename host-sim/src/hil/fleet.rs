@@ -128,13 +128,7 @@ impl Fleet<'_> {
                 decisions.set(0, *vehicle, decision.unwrap_or(Decision::Silent));
             }
             cell.step(&decisions);
-            ages.record(
-                cell.vectors(),
-                slot,
-                cell.presence(),
-                cell.ages(),
-                cell.successes(),
-            );
+            ages.record(slot, &cell);
             each_slot();
         }
         let ages = AgeSummary::new(&ages.worlds())
