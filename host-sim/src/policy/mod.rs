@@ -60,7 +60,7 @@ const _: () = {
 /// use firmware::observation::Observation;
 /// use host_sim::decisions::VehicleDecisions;
 /// use host_sim::mobility::Grid;
-/// use host_sim::policy::power_plan;
+/// use host_sim::policy::{Setup, power_plan};
 /// use host_sim::senses::Senses;
 /// use host_sim::{Decider, Extent, Policy, ScenarioSource, Simulation};
 ///
@@ -86,7 +86,7 @@ const _: () = {
 ///     source: &Grid,
 ///     extent: Extent { seed: 1, worlds: 2, slots: 100, warmup: 0 },
 /// };
-/// let build = |_: &_| Decider::Policy(Box::new(Punctual(power_plan(&scenario))));
+/// let build = |_: &Setup<'_>| Decider::Policy(Box::new(Punctual(power_plan(&scenario))));
 /// let (ages, _) = simulation.run(build, |_, _| ())?;
 /// // All begin with the largest age, so all have the same turn and collide for ever.
 /// assert!(ages.mean_ms > 50.0);

@@ -23,7 +23,7 @@ use actions::ActionSpace;
 /// let (mut rewards, mut tally) = (vec![0.0; shape.rows()], Tally::default());
 /// game.step(&actions, &mut rewards, &mut tally);
 /// assert_eq!(rewards[0], -1.0);
-/// assert_eq!(tally.received, 16.0);
+/// assert_eq!(tally.agent_slots, 32.0);
 /// ```
 ///
 /// Rows are `[world][agent]`. One trait serves both families of learners: what an actor observes is the first part of what a critic
