@@ -37,7 +37,7 @@ fn what_does_not_fit_is_named() {
             .starts_with("radio.min_spectral_efficiency: found 2")
     );
     assert!(
-        refusal("1", &[], "oracle").starts_with("policy: found \"oracle\", expected one of actor, central")
+        refusal("1", &[], "oracle").starts_with("policy: found \"oracle\", expected \"actor\", \"central\"")
     );
 }
 
