@@ -149,6 +149,7 @@ impl Mobility for ScriptedWorld<'_> {
             x_m: 100.0 * vehicle as f64 + 10.0 * self.routes[vehicle].len() as f64,
             y_m: 300.0 + 50.0 * self.world as f64,
             moved_m: 1.0,
+            speed_m_per_s: 10.0,
         };
         let found = there.map(|vehicle| (vehicle, place(vehicle))).collect();
         *places = found;

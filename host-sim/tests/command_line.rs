@@ -246,7 +246,7 @@ fn bad_scenarios_are_one_line_each() {
     );
     assert_eq!(
         refusal(&["run", "--preset", "moon"]),
-        "error: invalid value 'moon' for '--preset <PRESET>' [possible values: paper, companion]"
+        "error: invalid value 'moon' for '--preset <PRESET>' [possible values: paper, companion, street, edge]"
     );
     for (command, option, setting) in [
         ("run", "--vehicles", "cell.vehicles=5"),

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 /// A checked scenario: who is in the cell, its radio, its streets.
 ///
-/// A preset ("paper" or "companion"), then a TOML file that may change some of its keys, then single settings such as
+/// A preset ("paper", "companion", "street" or "edge"), then a TOML file that may change some of its keys, then single settings such as
 /// {"cell.vehicles": 40}. Keys, units and ranges are those of `host-sim explain`.
 ///
 /// Raises ValueError for an unknown preset or key (the nearest key is named) and for a value out of range, OSError for a file

@@ -288,7 +288,7 @@ def test_bad_scenarios_are_named(tmp_path):
     assert "found many" in message(settings={"cell.vehicles": "many"}) or "many" in message(
         settings={"cell.vehicles": "many"}
     )
-    assert message(preset="none") == 'preset: found "none", expected "paper", "companion"'
+    assert message(preset="none") == 'preset: found "none", expected "paper", "companion", "street", "edge"'
     file = tmp_path / "scenario.toml"
     file.write_text("[cell]\nvehicels = 3\n")
     assert f"{file}: key cell.vehicels" in message(file=file)

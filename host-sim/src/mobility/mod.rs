@@ -6,8 +6,8 @@ mod recorded;
 mod streets;
 mod urban_grid;
 
-use crate::scenario::Scenario;
-use crate::stream::WorldKey;
+use crate::scenario::{MobilityScenario, Scenario};
+use crate::stream::{Stream, WorldKey};
 use kit::error::{Error, Result};
 pub use streets::{Scale, StreetMap};
 pub use urban_grid::{Grid, Heading};
@@ -21,6 +21,8 @@ pub struct Place {
     pub y_m: f64,
     /// Way driven since the last update, which decorrelates its shadowing.
     pub moved_m: f64,
+    /// How fast it moves, which gives its fading's Doppler shift.
+    pub speed_m_per_s: f64,
 }
 
 /// The road that a vehicle drives on.
@@ -94,6 +96,16 @@ pub trait MobilitySource: Send + Sync + std::fmt::Debug {
             return Ok(());
         }
         refuse_replacement(scenario)
+    }
+}
+
+impl MobilityScenario {
+    /// The speed of the vehicle of this index out of `count`, for good and for whoever takes its index: it stands, or its speed
+    /// is uniform.
+    fn speed_m_per_s(&self, index: u32, count: u32, stream: &mut Stream) -> f64 {
+        let drawn = stream.uniform_between(self.min_speed_m_per_s, self.max_speed_m_per_s);
+        let stands = f64::from(index) < (self.standing_share * f64::from(count)).round();
+        if stands { 0.0 } else { drawn }
     }
 }
 

@@ -85,7 +85,13 @@ impl Mobility for Recorded<'_> {
             let (x_m, y_m) = (position.x_m, position.y_m);
             let moved_m = self.last[vehicle].map_or(0.0, |(x, y)| libm::hypot(x_m - x, y_m - y));
             self.last[vehicle] = Some((x_m, y_m));
-            places.push((vehicle, Place { x_m, y_m, moved_m }));
+            let place = Place {
+                x_m,
+                y_m,
+                moved_m,
+                speed_m_per_s: position.speed_m_per_s,
+            };
+            places.push((vehicle, place));
         }
         Ok(())
     }

@@ -233,10 +233,9 @@ impl<'s> Streets<'s> {
     /// As many vehicles as the cell has, each somewhere on a trip, with a uniformly drawn speed.
     fn new(map: &'s StreetMap, scenario: &MobilityScenario, vehicles: u32, mut stream: Stream) -> Self {
         let vehicles = (0..vehicles)
-            .map(|_| {
+            .map(|index| {
                 let trip = map.draw_any(&mut stream);
-                let speed_m_per_s =
-                    stream.uniform_between(scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
+                let speed_m_per_s = scenario.speed_m_per_s(index, vehicles, &mut stream);
                 let mut vehicle = Vehicle {
                     trip,
                     leg: 0,
@@ -281,6 +280,7 @@ impl Mobility for Streets<'_> {
                 x_m: from.0 + share * (to.0 - from.0),
                 y_m: from.1 + share * (to.1 - from.1),
                 moved_m,
+                speed_m_per_s: self.vehicles[index].speed_m_per_s,
             };
             places.push((index, place));
         }

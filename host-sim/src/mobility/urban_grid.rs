@@ -83,6 +83,8 @@ struct UrbanGrid<'s> {
     /// Coordinates across each heading's lanes, ascending.
     lanes: [Vec<f64>; 4],
     vehicles: Vec<Vehicle>,
+    /// How many vehicles the scenario has; others joined.
+    count: u32,
     stream: Stream,
     slots: u32,
 }
@@ -92,10 +94,11 @@ impl<'s> UrbanGrid<'s> {
     fn new(scenario: &'s MobilityScenario, count: u32, mut stream: Stream) -> Self {
         let lanes = Heading::ALL.map(|heading| lanes(scenario, heading));
         let vehicles = (0..count)
-            .map(|_| Vehicle::draw(scenario, &lanes, &mut stream))
+            .map(|index| Vehicle::draw(scenario, &lanes, index, count, &mut stream))
             .collect();
         Self {
             scenario,
+            count,
             lanes,
             vehicles,
             stream,
@@ -119,7 +122,14 @@ impl Mobility for UrbanGrid<'_> {
 
     /// Anywhere on the grid.
     fn replace(&mut self, vehicle: usize) -> Option<Place> {
-        self.vehicles[vehicle] = Vehicle::draw(self.scenario, &self.lanes, &mut self.stream);
+        let drawn = Vehicle::draw(
+            self.scenario,
+            &self.lanes,
+            vehicle as u32,
+            self.count,
+            &mut self.stream,
+        );
+        self.vehicles[vehicle] = drawn;
         Some(self.vehicles[vehicle].place())
     }
 
@@ -154,13 +164,19 @@ impl Mobility for UrbanGrid<'_> {
 }
 
 impl Vehicle {
-    /// Uniform heading, lane, place and speed.
-    fn draw(scenario: &MobilityScenario, lanes: &[Vec<f64>; 4], stream: &mut Stream) -> Self {
-        let index = stream.below(4) as usize;
-        let heading = Heading::ALL[index];
-        let across_m = lanes[index][stream.below(lanes[index].len() as u32) as usize];
+    /// The vehicle of this index out of `count`: uniform heading, lane, place and speed.
+    fn draw(
+        scenario: &MobilityScenario,
+        lanes: &[Vec<f64>; 4],
+        index: u32,
+        count: u32,
+        stream: &mut Stream,
+    ) -> Self {
+        let heading = Heading::ALL[stream.below(4) as usize];
+        let lanes = &lanes[heading as usize];
+        let across_m = lanes[stream.below(lanes.len() as u32) as usize];
         let along_m = stream.uniform_between(0.0, extent(scenario, heading));
-        let speed_m_per_s = stream.uniform_between(scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
+        let speed_m_per_s = scenario.speed_m_per_s(index, count, stream);
         Self {
             heading,
             across_m,
@@ -180,6 +196,7 @@ impl Vehicle {
             x_m,
             y_m,
             moved_m: self.moved_m,
+            speed_m_per_s: self.speed_m_per_s,
         }
     }
 }

@@ -19,6 +19,16 @@ keys! {
         pub radio: RadioScenario,
         /// The urban grid and how vehicles drive on it.
         pub mobility: MobilityScenario,
+        /// How fast fading changes, and how alike it is on neighbouring sub-channels.
+        pub fading: FadingScenario,
+        /// How well units and base station know the gains.
+        pub knowledge: KnowledgeScenario,
+        /// What gets lost or late on the way back to the vehicles.
+        pub feedback: FeedbackScenario,
+        /// When a transmission is received.
+        pub reception: ReceptionScenario,
+        /// Bursts of interference from other cells.
+        pub neighbours: NeighbourScenario,
         /// What the base station tells its vehicles, and how late.
         pub broadcast: BroadcastScenario,
         /// Parameters of the simple policies.
@@ -130,6 +140,77 @@ keys! {
         /// Probability that a vehicle turns into a lane that it crosses.
         #[key(range = 0.0..=1.0, source = "3GPP TR 36.885 A.1.2 as the companion code reads it")]
         pub turn_probability: f64,
+        /// Share of the vehicles on the grid or on a network's streets that stand from the start, as in a jam or a depot. Without
+        /// `fading.follows_speed` it changes places and shadowing alone.
+        #[key(range = 0.0..=1.0, source = "chosen, the paper has none")]
+        pub standing_share: f64,
+    }
+
+    /// The section `fading`.
+    pub struct FadingScenario {
+        /// Whether Rayleigh fading is a sum of sinusoids at each vehicle's own Doppler shift, instead of new in every slot.
+        #[key(source = "false in the paper; Clarke 1968, Jakes 1974")]
+        pub follows_speed: bool,
+        /// Largest Doppler shift of a vehicle that stands, from what moves around it.
+        #[key(range = 0.0..=500.0, unit = "Hz", source = "chosen, the paper has none")]
+        pub residual_doppler_hz: f64,
+        /// Correlation of the complex amplitudes on neighbouring sub-channels.
+        #[key(range = 0.0..=1.0, source = "0 in the paper")]
+        pub sub_channel_correlation: f64,
+    }
+
+    /// The section `knowledge`.
+    pub struct KnowledgeScenario {
+        /// Age of the gains that units and base station know.
+        #[key(range = 0.0..=99.0, unit = "slots", source = "0 in the paper")]
+        pub gain_delay_slots: u32,
+        /// Standard deviation of the error of each known gain, a normal one that is new in every slot.
+        #[key(range = 0.0..=50.0, unit = "dB", source = "0 in the paper")]
+        pub gain_error_db: f64,
+    }
+
+    /// The section `feedback`.
+    pub struct FeedbackScenario {
+        /// Slots that an acknowledgement comes later than before the next slot. In LTE it is 4 slots under way.
+        #[key(range = 0.0..=99.0, unit = "slots", source = "0 in the paper; 3GPP TS 36.213 8.3: n + 4")]
+        pub acknowledgement_delay_slots: u32,
+        /// Share of acknowledgements that are lost.
+        #[key(range = 0.0..=1.0, source = "0 in the paper")]
+        pub acknowledgement_loss: f64,
+        /// Share of a vehicle's slots in which it does not hear the broadcast: it goes on with the last one that it heard. The
+        /// first comes with its association.
+        #[key(range = 0.0..=1.0, source = "0 in the paper")]
+        pub broadcast_loss: f64,
+        /// Share of a unit's slots in which its modem measures nothing.
+        #[key(range = 0.0..=1.0, source = "0 in the paper")]
+        pub measurement_loss: f64,
+        /// Share of vehicles to which the place does not get through that the association gives them.
+        #[key(range = 0.0..=1.0, source = "chosen, the paper has none")]
+        pub place_loss: f64,
+        /// Share of a scheduler's grants that are lost.
+        #[key(range = 0.0..=1.0, source = "chosen, the paper has none")]
+        pub grant_loss: f64,
+    }
+
+    /// The section `reception`.
+    pub struct ReceptionScenario {
+        /// Width of the logistic curve by which the probability of reception goes over the required SINR: 73 % are received one
+        /// width above it.
+        #[key(range = 0.0..=20.0, unit = "dB", source = "0 in the paper, a step")]
+        pub block_error_width_db: f64,
+    }
+
+    /// The section `neighbours`.
+    pub struct NeighbourScenario {
+        /// What other cells raise the noise by while they interfere on a sub-channel.
+        #[key(range = 0.0..=60.0, unit = "dB", source = "0 in the paper, a cell without neighbours")]
+        pub noise_rise_db: f64,
+        /// Share of slots in which they interfere.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub duty: f64,
+        /// Mean length of their interference.
+        #[key(range = 1.0..=1e6, unit = "slots", source = "chosen")]
+        pub burst_slots: f64,
     }
 
     /// The section `broadcast`.
@@ -156,6 +237,9 @@ keys! {
         /// Probability that a vehicle above the threshold sends.
         #[key(range = 0.0..=1.0, source = "best found")]
         pub age_threshold_probability: f64,
+        /// How many slots ahead dynamic grants are decided.
+        #[key(range = 0.0..=99.0, unit = "slots", source = "3GPP TS 36.213 8: n + 4")]
+        pub grant_delay_slots: u32,
     }
 
     /// The section `traffic`.
@@ -231,7 +315,10 @@ impl Scenario {
     /// The first key, as `section.key`, that does not go with another.
     pub fn check(&self) -> Result<()> {
         let Self {
-            mobility, traffic, ..
+            mobility,
+            fading,
+            traffic,
+            ..
         } = self;
         let street_half_width = mobility.lane_width_m * f64::from(mobility.lanes_per_direction);
         within(
@@ -248,6 +335,15 @@ impl Scenario {
             f64::INFINITY,
             "at least mobility.min_speed_m_per_s",
         )?;
+        if !fading.follows_speed {
+            within(
+                "fading.residual_doppler_hz",
+                fading.residual_doppler_hz,
+                0.0,
+                0.0,
+                "0 without fading.follows_speed",
+            )?;
+        }
         within(
             "traffic.max_capacity_error_veh_per_h",
             traffic.max_capacity_error_veh_per_h,
