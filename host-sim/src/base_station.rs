@@ -2,7 +2,8 @@
 //! probabilities, from what it knows and with its delay.
 
 use crate::lanes::{LANES, Row, Rows, Vectors};
-use crate::scenario::BroadcastScenario;
+use crate::scenario::Scenario;
+use crate::stream::{Role, Stream, WorldKey};
 use firmware::measurement::Broadcast;
 use firmware::observation::turn_lost_after;
 use firmware::units::{JoinerProbability, Period, SUB_CHANNELS, SubChannel};
@@ -11,12 +12,19 @@ use std::collections::VecDeque;
 /// The group of a vehicle that has none.
 const NO_GROUP: u8 = u8::MAX;
 
+/// The position of a vehicle in no frame.
+const NO_POSITION: u16 = u16::MAX;
+
 /// What vehicles are told, in a batch of worlds: their group at association, periods and joiner probabilities by broadcast.
 /// There is a group for every sub-channel.
 #[derive(Clone, Debug)]
 pub struct Announcements {
     /// Group of every vehicle. `[vehicle][world]`.
     home: Rows<u8>,
+    /// Slot of its group's frame that is a vehicle's own. `[vehicle][world]`.
+    position: Rows<u16>,
+    /// 1 where a vehicle was told its position. `[vehicle][world]`.
+    placed: Rows<u8>,
     /// The announced period; 0 for a group that is too large. `[group][world]`.
     period: Rows<u8>,
     /// Age up to which each vehicle keeps its turn. `[vehicle][world]`.
@@ -46,11 +54,18 @@ pub struct BaseStation {
     /// Whether the sizes that count have changed since the periods were made.
     changed: bool,
     slot: u32,
+    /// Share of vehicles that are not told their position.
+    place_loss: f64,
+    /// Who is not; by world.
+    losses: Vec<Stream>,
 }
 
 impl BaseStation {
     /// A base station for `vehicles` vehicles, of which none is associated yet.
-    pub fn new(scenario: &BroadcastScenario, worlds: usize, vehicles: usize, sub_channels: usize) -> Self {
+    pub fn new(scenario: &Scenario, keys: &[WorldKey], vehicles: usize) -> Self {
+        let (worlds, sub_channels) = (keys.len(), scenario.radio.sub_channels as usize);
+        let place_loss = scenario.feedback.place_loss;
+        let scenario = &scenario.broadcast;
         let code = |joiners: usize| {
             let probability = (scenario.joiner_load / joiners.max(1) as f64).min(1.0);
             let code = (probability * 256.0).round().max(1.0) as u16 - 1;
@@ -66,6 +81,8 @@ impl BaseStation {
             changed: true,
             announcements: Announcements {
                 home: Rows::new(worlds, vehicles, NO_GROUP),
+                position: Rows::new(worlds, vehicles, NO_POSITION),
+                placed: Rows::new(worlds, vehicles, 0),
                 period: Rows::new(worlds, sub_channels, 0),
                 turn_lost_after: Rows::new(worlds, vehicles, 0),
                 codes: (0..=vehicles).map(code).collect(),
@@ -74,6 +91,8 @@ impl BaseStation {
                 groups: sub_channels,
             },
             slot: 0,
+            place_loss,
+            losses: keys.iter().map(|key| key.stream(Role::Losses, 3)).collect(),
         }
     }
 
@@ -135,12 +154,17 @@ impl BaseStation {
             self.members.set(world, group, members - 1);
         }
         self.announcements.home.set(world, vehicle, NO_GROUP);
+        self.announcements.position.set(world, vehicle, NO_POSITION);
     }
 
     /// Puts a vehicle into the smallest group.
     fn join(&mut self, world: usize, vehicle: usize) {
         let smallest = (0..self.announcements.groups).min_by_key(|&group| self.members.get(world, group));
         if let Some(group) = smallest {
+            let position = self.announcements.free_position(world, group as u8);
+            self.announcements.position.set(world, vehicle, position);
+            let lost = self.place_loss > 0.0 && self.losses[world].chance(self.place_loss);
+            self.announcements.placed.set(world, vehicle, u8::from(!lost));
             self.announcements.home.set(world, vehicle, group as u8);
             self.associated_at.set(world, vehicle, self.slot);
             let members = self.members.get(world, group);
@@ -208,7 +232,8 @@ impl BaseStation {
         self.slot += 1;
     }
 
-    /// Makes periods and the ages at which turns are lost from the sizes that count.
+    /// Makes periods and the ages at which turns are lost from the sizes that count. Where a frame shrinks, whose slot it no longer
+    /// has is told another one.
     fn announce(&mut self, present: &[usize]) {
         let Announcements {
             home,
@@ -236,13 +261,63 @@ impl BaseStation {
                 }
             }
         }
+        self.announcements.move_into_frames(present);
     }
 }
 
 impl Announcements {
+    /// The first slot of a group's frame that is nobody's.
+    fn free_position(&self, world: usize, group: u8) -> u16 {
+        let vehicles = 0..self.codes.len() - 1;
+        let members = vehicles.filter(|&vehicle| self.home.get(world, vehicle) == group);
+        let mut taken: Vec<u16> = members.map(|vehicle| self.position.get(world, vehicle)).collect();
+        taken.sort_unstable();
+        // Sorted positions are all different: the first that is not its own index is behind a gap.
+        let gap = taken
+            .iter()
+            .enumerate()
+            .find(|&(index, &position)| index != usize::from(position));
+        gap.map_or(taken.len(), |(index, _)| index) as u16
+    }
+
+    /// Gives vehicles whose slot is behind their group's frame the first free slots in it.
+    fn move_into_frames(&mut self, present: &[usize]) {
+        for &vehicle in present {
+            for block in 0..self.home.blocks() {
+                for lane in 0..LANES {
+                    let (home, position) = (
+                        self.home.row(block, vehicle)[lane],
+                        self.position.row(block, vehicle)[lane],
+                    );
+                    if position == NO_POSITION || usize::from(home) >= self.groups {
+                        continue;
+                    }
+                    let period = self.period.row(block, usize::from(home))[lane];
+                    if period > 0 && position >= u16::from(period) {
+                        let free = self.free_position(block * LANES + lane, home);
+                        self.position.row_mut(block, vehicle)[lane] = free;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The slot of its group's frame that is a vehicle's own; `None` if it was not told, or is absent. The frame has as many slots
+    /// as the announced period.
+    pub fn position(&self, world: usize, vehicle: usize) -> Option<u16> {
+        let position = self.position.get(world, vehicle);
+        let told = self.placed.get(world, vehicle) > 0;
+        (told && position != NO_POSITION).then_some(position)
+    }
+
     /// The group of every vehicle, 255 for an absent one. `[vehicle][world]`.
     pub fn homes(&self) -> &Rows<u8> {
         &self.home
+    }
+
+    /// How many groups there are, one for every sub-channel.
+    pub fn groups(&self) -> usize {
+        self.groups
     }
 
     /// The announced period of every group in slots, 0 where it is too long to be announced. `[group][world]`.
@@ -281,13 +356,20 @@ impl Announcements {
 mod tests {
     use super::*;
     use crate::scenario::ScenarioSource;
+    use crate::stream::Purpose;
 
     /// Two rows of worlds; the last one is looked at.
     const WORLDS: usize = LANES + 3;
 
     fn station(vehicles: usize) -> BaseStation {
-        let scenario = ScenarioSource::default().read().unwrap().broadcast;
-        BaseStation::new(&scenario, WORLDS, vehicles, SUB_CHANNELS)
+        let scenario = ScenarioSource::default().read().unwrap();
+        let key = |world| WorldKey {
+            seed: 1,
+            purpose: Purpose::Evaluation,
+            world,
+        };
+        let keys: Vec<WorldKey> = (0..WORLDS as u64).map(key).collect();
+        BaseStation::new(&scenario, &keys, vehicles)
     }
 
     /// The same arrivals and departures in every world; gains grow with the vehicles' numbers.
@@ -313,6 +395,13 @@ mod tests {
         assert_eq!(homes[..6], [0, 1, 2, 0, 1, 2]);
         assert_eq!(heard(&station, 0).period.slots(), 7);
         assert_eq!(heard(&station, 2).period.slots(), 6);
+        let places: Vec<_> = (0..20)
+            .map(|v| station.announcements().position(WORLDS - 1, v))
+            .collect();
+        assert_eq!(
+            places[..7],
+            [Some(0), Some(0), Some(0), Some(1), Some(1), Some(1), Some(2)]
+        );
         // 1.5 joiners a slot out of 7: 0.214 = 55 / 256.
         assert_eq!(heard(&station, 0).joiner_probability.in_256ths(), 55);
     }
@@ -329,14 +418,20 @@ mod tests {
         update(&mut station, &[6], &[]);
         station.prepare(plain, &[0, 1, 2, 3, 4, 5, 6], &ages);
         assert_eq!(heard(&station, 0).period.slots(), 3);
-        update(&mut station, &[], &[6]);
+        // Vehicle 0 leaves instead of the last: its slot is free, and the last moves there when the frame shrinks.
+        let position = |station: &BaseStation, vehicle| station.announcements().position(WORLDS - 1, vehicle);
+        assert_eq!(position(&station, 6), Some(2));
+        update(&mut station, &[], &[0]);
+        let present: Vec<_> = (1..7).collect();
         for _ in 0..100 {
             station.prepare(plain, &present, &ages);
-            assert_eq!(heard(&station, 0).period.slots(), 3);
+            assert_eq!(heard(&station, 6).period.slots(), 3);
+            assert_eq!(position(&station, 6), Some(2));
         }
         station.prepare(plain, &present, &ages);
-        assert_eq!(heard(&station, 0).period.slots(), 2);
-        assert_eq!(station.announcements().broadcast(WORLDS - 1, 6), None);
+        assert_eq!(heard(&station, 6).period.slots(), 2);
+        assert_eq!((position(&station, 6), position(&station, 0)), (Some(0), None));
+        assert_eq!(station.announcements().broadcast(WORLDS - 1, 0), None);
     }
 
     #[test]

@@ -10,13 +10,14 @@ use crate::base_station::BaseStation;
 use crate::channel::Channel;
 use crate::churn::Churn;
 use crate::decisions::Decisions;
+use crate::imperfections::{Losses, sensing};
 use crate::lanes::{LANES, Rows, Vectors};
 use crate::mobility::{Mobility, MobilitySource, Place};
 use crate::policy::{Decider, Setup};
 use crate::presence::Presence;
 use crate::radio::Radio;
 use crate::scenario::Scenario;
-use crate::senses::{AllSenses, Broadcasts, Perfect, Readings, Senses, Sensing};
+use crate::senses::{AllSenses, Broadcasts, Readings, Senses, Sensing};
 use crate::stream::{Purpose, WorldKey};
 use crate::truth::{Knowledge, Truth};
 use firmware::measurement::{Broadcast, Measurement};
@@ -72,6 +73,8 @@ pub struct Environment<'s> {
     radio: Radio,
     base_station: BaseStation,
     sensing: Box<dyn Sensing>,
+    /// Of a scheduler's grants, if any are lost.
+    grant_losses: Option<Losses>,
     /// In slots, `[vehicle][world]`.
     ages: Rows<u8>,
     /// The decisions of those who are present, where worlds have different vehicles.
@@ -103,7 +106,6 @@ impl<'s> Environment<'s> {
     ) -> Self {
         let keys: Vec<WorldKey> = worlds.map(|world| WorldKey { seed, purpose, world }).collect();
         let (count, vehicles) = (keys.len(), vehicles.max(source.vehicles(scenario)));
-        let sub_channels = scenario.radio.sub_channels as usize;
         let differs = source.worlds_differ();
         let mut environment = Self {
             scenario,
@@ -122,9 +124,10 @@ impl<'s> Environment<'s> {
                 .collect(),
             replaced: Vec::new(),
             channel: Channel::new(scenario, vehicles, &keys),
-            radio: Radio::new(&scenario.radio, count, vehicles),
-            base_station: BaseStation::new(&scenario.broadcast, count, vehicles, sub_channels),
-            sensing: Box::new(Perfect),
+            radio: Radio::new(scenario, &keys, vehicles),
+            base_station: BaseStation::new(scenario, &keys, vehicles),
+            sensing: sensing(scenario, vehicles, &keys),
+            grant_losses: Losses::new(scenario.feedback.grant_loss, 4, &keys),
             ages: Rows::new(count, vehicles, Age::MAX.slots()),
             present_decisions: differs.then(|| Decisions::new(count, vehicles)),
             keys,
@@ -257,6 +260,7 @@ impl<'s> Environment<'s> {
     /// Sets a vehicle's age before its first decision, for training from many starts.
     pub fn set_age(&mut self, world: usize, vehicle: usize, age: Age) {
         self.ages.set(world, vehicle, age.slots());
+        self.sensing.begin_unit(world, vehicle, age);
     }
 
     /// A vehicle's true gain on a sub-channel, in dB over noise at full power.
@@ -325,7 +329,7 @@ impl<'s> Environment<'s> {
     }
 
     /// Lets somebody decide for everybody, from what they may know. `decisions` are all silent beforehand.
-    pub fn decide(&self, decider: &mut Decider<'_>, decisions: &mut Decisions) {
+    pub fn decide(&mut self, decider: &mut Decider<'_>, decisions: &mut Decisions) {
         match decider {
             Decider::Policy(policy) => {
                 let senses = self.all_senses();
@@ -336,7 +340,12 @@ impl<'s> Environment<'s> {
                     }
                 }
             }
-            Decider::Scheduler(scheduler) => scheduler.decide(&self.knowledge(), decisions),
+            Decider::Scheduler(scheduler) => {
+                scheduler.decide(&self.knowledge(), decisions);
+                if let Some(losses) = &mut self.grant_losses {
+                    losses.silence(self.presence.vehicles(), decisions);
+                }
+            }
             Decider::Oracle(oracle) => oracle.decide(
                 &Truth {
                     known: self.knowledge(),
@@ -401,15 +410,6 @@ impl<'s> Environment<'s> {
         churn.map_or_else(Vec::new, |churn| churn.waits(first, self.elapsed()).collect())
     }
 
-    fn true_readings(&self) -> Readings<'_> {
-        Readings {
-            gains_db: self.channel.gain_db(),
-            interferences_db: self.radio.interference_db(),
-            ages: &self.ages,
-            announcements: self.base_station.announcements(),
-        }
-    }
-
     #[inline(always)]
     fn all_senses(&self) -> AllSenses<'_> {
         AllSenses {
@@ -418,7 +418,12 @@ impl<'s> Environment<'s> {
             worlds: self.worlds(),
             sub_channels: self.sub_channels(),
             presence: &self.presence,
-            readings: self.sensing.readings(self.true_readings()),
+            readings: self.sensing.readings(true_readings(
+                &self.channel,
+                &self.radio,
+                &self.ages,
+                &self.base_station,
+            )),
         }
     }
 
@@ -454,12 +459,7 @@ impl<'s> Environment<'s> {
     }
 
     fn begin_sensing(&mut self) {
-        let truth = Readings {
-            gains_db: self.channel.gain_db(),
-            interferences_db: self.radio.interference_db(),
-            ages: &self.ages,
-            announcements: self.base_station.announcements(),
-        };
+        let truth = true_readings(&self.channel, &self.radio, &self.ages, &self.base_station);
         self.sensing.begin_slot(SlotIndex(self.slot), &truth);
     }
 
@@ -481,6 +481,7 @@ impl<'s> Environment<'s> {
                 self.base_station.replace(world, vehicle);
                 self.radio.arrive(world, vehicle);
                 self.ages.set(world, vehicle, Age::MAX.slots());
+                self.sensing.begin_unit(world, vehicle, Age::MAX);
             }
         }
     }
@@ -516,11 +517,29 @@ impl<'s> Environment<'s> {
             for &vehicle in arrivals.iter() {
                 self.ages.set(world, vehicle, Age::MAX.slots());
                 self.radio.arrive(world, vehicle);
+                self.sensing.begin_unit(world, vehicle, Age::MAX);
             }
             let large_scale_db = self.channel.large_scale_db();
             self.base_station
                 .update(world, arrivals, departures, large_scale_db);
         }
+    }
+}
+
+/// What receivers take in where nothing comes between.
+fn true_readings<'t>(
+    channel: &'t Channel<'_>,
+    radio: &'t Radio,
+    ages: &'t Rows<u8>,
+    base_station: &'t BaseStation,
+) -> Readings<'t> {
+    Readings {
+        gains_db: channel.gain_db(),
+        interferences_db: radio.interference_db(),
+        ages,
+        announcements: base_station.announcements(),
+        heard: None,
+        measured: None,
     }
 }
 

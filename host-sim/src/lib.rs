@@ -47,8 +47,10 @@ pub mod environment;
 pub mod experiment;
 #[cfg(feature = "program")]
 pub mod hil;
+pub mod imperfections;
 pub mod lanes;
 pub mod mobility;
+pub mod neighbours;
 pub mod pack;
 pub mod policy;
 pub mod presence;

@@ -1,8 +1,10 @@
 //! Who is received in a slot: interference, signal-to-interference-and-noise ratio, success (paper eqs. 2 and 3).
 
 use crate::decisions::{Decisions, SILENT};
-use crate::lanes::{LANES, Row, Rows, Vectors, decibels, ratio};
-use crate::scenario::RadioScenario;
+use crate::lanes::{LANES, LaneStream, Row, Rows, Vectors, decibels, ratio, unit_interval};
+use crate::neighbours::Neighbours;
+use crate::scenario::Scenario;
+use crate::stream::{Role, WorldKey};
 
 /// What happened in a slot, in a batch of worlds.
 #[derive(Clone, Debug)]
@@ -22,15 +24,29 @@ pub struct Radio {
     successes: Rows<u16>,
     /// Noise plus others' power over noise in dB. `[vehicle][sub_channel][world]`.
     interference_db: Rows<f32>,
+    /// Other cells, if they interfere.
+    neighbours: Option<Neighbours>,
+    /// Reception by chance, if it is no step.
+    block_errors: Option<BlockErrors>,
+}
+
+/// Reception near the required SINR: a logistic curve in dB.
+#[derive(Clone, Debug)]
+struct BlockErrors {
+    required_db: f32,
+    width_db: f32,
+    /// By block of worlds.
+    streams: Vec<LaneStream>,
 }
 
 impl Radio {
     /// Before the first slot: nobody was received, and nobody interfered.
-    pub fn new(scenario: &RadioScenario, worlds: usize, vehicles: usize) -> Self {
-        let sub_channels = scenario.sub_channels as usize;
+    pub fn new(scenario: &Scenario, keys: &[WorldKey], vehicles: usize) -> Self {
+        let (radio, worlds) = (&scenario.radio, keys.len());
+        let sub_channels = radio.sub_channels as usize;
         Self {
-            max_power_dbm: scenario.max_power_dbm as f32,
-            required_sinr: scenario.required_sinr() as f32,
+            max_power_dbm: radio.max_power_dbm as f32,
+            required_sinr: radio.required_sinr() as f32,
             sub_channels,
             power: vec![[0.0; LANES]; vehicles],
             others: vec![[0.0; LANES]; vehicles],
@@ -38,6 +54,8 @@ impl Radio {
             received: Rows::new(worlds, vehicles, 0),
             successes: Rows::new(worlds, 1, 0),
             interference_db: Rows::new(worlds, vehicles * sub_channels, 0.0),
+            neighbours: Neighbours::new(&scenario.neighbours, sub_channels, keys),
+            block_errors: BlockErrors::new(scenario, keys),
         }
     }
 
@@ -81,6 +99,9 @@ impl Radio {
         decisions: &Decisions,
         gain_db: &Rows<f32>,
     ) {
+        if let Some(neighbours) = &mut self.neighbours {
+            neighbours.begin_slot();
+        }
         for block in 0..gain_db.blocks() {
             vectors.run(
                 #[inline(always)]
@@ -124,6 +145,12 @@ impl Radio {
             self.pass(block, vehicle, decisions);
         }
         self.sum.fill([0.0; LANES]);
+        if let Some(neighbours) = &self.neighbours {
+            // In one of the two sums, so that everybody has it once.
+            for (sub_channel, sum) in self.sum.iter_mut().enumerate() {
+                *sum = *neighbours.interference().row(block, sub_channel);
+            }
+        }
         for &vehicle in present {
             self.pass(block, vehicle, decisions);
         }
@@ -167,6 +194,9 @@ impl Radio {
             for lane in 0..LANES {
                 others_db[lane] = decibels(1.0 + others[lane]);
             }
+            if let Some(block_errors) = &mut self.block_errors {
+                received = block_errors.draw(block, &power, &others_db);
+            }
             for lane in 0..LANES {
                 successes[lane] += u16::from(received[lane]);
             }
@@ -185,6 +215,37 @@ impl Radio {
     }
 }
 
+impl BlockErrors {
+    fn new(scenario: &Scenario, keys: &[WorldKey]) -> Option<Self> {
+        let width_db = scenario.reception.block_error_width_db as f32;
+        let streams = keys.chunks(LANES);
+        (width_db > 0.0).then(|| Self {
+            required_db: decibels(scenario.radio.required_sinr() as f32),
+            width_db,
+            streams: streams
+                .map(|keys| LaneStream::new(keys.iter().copied(), Role::Reception, 0))
+                .collect(),
+        })
+    }
+
+    /// Who is received: 1 or 0. `power` is over noise, 0 for the silent; `others_db` noise and others' power over noise.
+    #[inline(always)]
+    fn draw(&mut self, block: usize, power: &Row<f32>, others_db: &Row<f32>) -> Row<u8> {
+        /// dB of a ratio of e.
+        const NEPER_DB: f32 = 10.0 * std::f32::consts::LOG10_E;
+        let words = *self.streams[block].next_row();
+        let mut received = [0; LANES];
+        for lane in 0..LANES {
+            let sends = power[lane] > 0.0;
+            let sinr_db = decibels(power[lane].max(f32::MIN_POSITIVE)) - others_db[lane];
+            let widths = ((sinr_db - self.required_db) / self.width_db).clamp(-40.0, 40.0);
+            let heard = unit_interval(words[lane]) * (1.0 + ratio(-NEPER_DB * widths)) < 1.0;
+            received[lane] = u8::from(sends & heard);
+        }
+        received
+    }
+}
+
 #[inline(always)]
 fn widened(row: &Row<u8>) -> Row<i32> {
     row.map(i32::from)
@@ -200,14 +261,24 @@ fn mask(condition: bool) -> u32 {
 mod tests {
     use super::*;
     use crate::scenario::ScenarioSource;
+    use crate::stream::Purpose;
     use firmware::units::Dbm;
+
+    fn keys(worlds: u64) -> Vec<WorldKey> {
+        let key = |world| WorldKey {
+            seed: 1,
+            purpose: Purpose::Evaluation,
+            world,
+        };
+        (0..worlds).map(key).collect()
+    }
 
     /// Vehicle by vehicle whether it is received, and the interference that it then knows of, in the last world of some.
     fn slot(gains: &[[f32; 3]], sent: &[(usize, f64)]) -> (Vec<u8>, Vec<[f32; 3]>) {
         const WORLDS: usize = 2 * LANES + 7;
-        let scenario = ScenarioSource::default().read().unwrap().radio;
+        let scenario = ScenarioSource::default().read().unwrap();
         let vehicles = gains.len();
-        let mut radio = Radio::new(&scenario, WORLDS, vehicles);
+        let mut radio = Radio::new(&scenario, &keys(WORLDS as u64), vehicles);
         let mut decisions = Decisions::new(WORLDS, vehicles);
         let mut gain_db = Rows::new(WORLDS, 3 * vehicles, 0.0);
         for (vehicle, &(sub_channel, power_dbm)) in sent.iter().enumerate() {

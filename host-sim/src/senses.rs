@@ -28,10 +28,11 @@
 //! ```
 
 use crate::base_station::Announcements;
+use crate::imperfections::HeardBroadcasts;
 use crate::lanes::{LANES, Row, Rows, Vectors, floor};
 use crate::presence::Presence;
 use firmware::measurement::{Broadcast, Measurement};
-use firmware::units::{Age, Level, SUB_CHANNELS, SlotIndex};
+use firmware::units::{Age, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex};
 
 /// What the receivers of all units take in at the beginning of a slot, before their modems round it.
 #[derive(Clone, Copy, Debug)]
@@ -44,10 +45,17 @@ pub struct Readings<'t> {
     pub ages: &'t Rows<u8>,
     /// What the base station assigned and broadcasts.
     pub announcements: &'t Announcements,
+    /// What each vehicle last heard of its broadcasts; `None` if everybody hears all of them.
+    pub heard: Option<&'t HeardBroadcasts>,
+    /// Whether each modem measured in the slot: 1 or 0, `[vehicle][world]`; `None` if all did.
+    pub measured: Option<&'t Rows<u8>>,
 }
 
 /// What comes between the truth and the units: an imperfection is one of these, and may contain another.
 pub trait Sensing: Send + Sync {
+    /// A vehicle's unit begins in the next slot, with this age as it knows it: it knows nothing of who had its index before.
+    fn begin_unit(&mut self, _world: usize, _vehicle: usize, _age: Age) {}
+
     /// Takes in the truth at the beginning of a slot, before anybody reads it.
     fn begin_slot(&mut self, slot: SlotIndex, truth: &Readings<'_>);
 
@@ -194,22 +202,57 @@ impl Senses<'_> {
         self.readings.announcements.homes().row(self.block, self.vehicle)
     }
 
+    /// The slot of its group's frame that was handed to the vehicle at association, and is its own as long as it is told no other
+    /// one. `None` where that did not get through, and where it is absent.
+    pub fn position(&self, lane: usize) -> Option<u16> {
+        let world = self.block * LANES + lane;
+        self.readings.announcements.position(world, self.vehicle)
+    }
+
     /// The age in slots up to which the vehicle keeps its turn, which follows from its period.
     #[inline(always)]
     pub fn turns_lost_after(&self) -> &Row<u8> {
+        if let Some(heard) = self.readings.heard {
+            return heard.turns_lost_after(self.block, self.vehicle);
+        }
         let ages = self.readings.announcements.turns_lost_after();
         ages.row(self.block, self.vehicle)
     }
 
-    /// What the vehicle hears from the base station in a world of the row. `None` where it is absent, in a group that is too
+    /// What the vehicle last heard of its group's broadcast, where not everybody hears all: periods in slots, 0 where it is too
+    /// long to be announced, and codes of the joiner probability.
+    #[inline(always)]
+    pub fn heard(&self) -> Option<(&Row<u8>, &Row<u8>)> {
+        self.readings.heard.map(|heard| {
+            (
+                heard.periods(self.block, self.vehicle),
+                heard.joiner_codes(self.block, self.vehicle),
+            )
+        })
+    }
+
+    /// What the vehicle knows from the base station in a world of the row. `None` where it is absent, in a group that is too
     /// large, or on a sub-channel that units do not know.
     pub fn broadcast(&self, lane: usize) -> Option<Broadcast> {
         let world = self.block * LANES + lane;
-        self.readings.announcements.broadcast(world, self.vehicle)
+        let now = self.readings.announcements.broadcast(world, self.vehicle)?;
+        let Some((periods, codes)) = self.heard() else {
+            return Some(now);
+        };
+        Some(Broadcast {
+            period: Period::new(periods[lane])?,
+            joiner_probability: JoinerProbability::from_code(codes[lane]),
+            ..now
+        })
     }
 
-    /// What the vehicle's modem measures in a world of the row; `None` as [`Senses::broadcast`].
+    /// What the vehicle's modem measures in a world of the row; `None` as [`Senses::broadcast`], and where it measures nothing.
     pub fn measurement(&self, lane: usize) -> Option<Measurement> {
+        if let Some(measured) = self.readings.measured
+            && measured.row(self.block, self.vehicle)[lane] == 0
+        {
+            return None;
+        }
         let broadcast = self.broadcast(lane)?;
         let levels = |values: &Rows<f32>| -> [Level; SUB_CHANNELS] {
             std::array::from_fn(|sub_channel| {

@@ -31,6 +31,16 @@ pub enum Role {
     Incidents = 5,
     /// Who is replaced when.
     Replacement = 6,
+    /// Directions and phases of the waves that make fading, or its amplitudes.
+    Scattering = 7,
+    /// Errors of known gains.
+    GainErrors = 8,
+    /// Which acknowledgements, broadcasts and measurements are lost, one member each.
+    Losses = 9,
+    /// Whether a transmission near the required SINR is received.
+    Reception = 10,
+    /// Bursts of other cells' interference.
+    Neighbours = 11,
 }
 
 /// One world of a run.

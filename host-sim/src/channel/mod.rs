@@ -1,9 +1,11 @@
 //! The uplink channel of every vehicle: path loss and shadowing that change with the places, fast fading that is new in
-//! every slot and on every sub-channel.
+//! every slot and on every sub-channel, or follows the vehicles' speed.
 
+mod fading;
 mod path_loss;
 mod shadowing;
 
+use fading::Fading;
 pub use path_loss::PathLoss;
 pub use shadowing::Shadowing;
 
@@ -32,6 +34,8 @@ pub struct Channel<'s> {
     shadowing_streams: Vec<Stream>,
     /// By block of worlds.
     fading_streams: Vec<LaneStream>,
+    /// Fading that is not new in every slot and on every sub-channel.
+    fading: Option<Fading>,
 }
 
 impl<'s> Channel<'s> {
@@ -52,6 +56,7 @@ impl<'s> Channel<'s> {
                 .chunks(LANES)
                 .map(|keys| LaneStream::new(keys.iter().copied(), Role::FastFading, 0))
                 .collect(),
+            fading: Fading::new(scenario, vehicles, keys),
         }
     }
 
@@ -69,12 +74,18 @@ impl<'s> Channel<'s> {
             let loss = self.path_loss.db(place.x_m, place.y_m) + shadowing.db();
             self.large_scale_db
                 .set(world, vehicle, (self.budget_db - loss) as f32);
+            if let Some(fading) = &mut self.fading {
+                fading.set_speed(world, vehicle, place.speed_m_per_s);
+            }
         }
     }
 
-    /// Another vehicle takes a vehicle's index in one world: nothing of its shadowing stays.
+    /// Another vehicle takes a vehicle's index in one world: nothing of its shadowing and fading stays.
     pub fn replace(&mut self, world: usize, vehicle: usize, place: Place) {
         self.shadowing[world * self.vehicles + vehicle] = None;
+        if let Some(fading) = &mut self.fading {
+            fading.replace(world, vehicle);
+        }
         self.move_to(world, &[(vehicle, place)]);
     }
 
@@ -82,6 +93,10 @@ impl<'s> Channel<'s> {
     pub fn fade(&mut self, vectors: Vectors, present: &[usize]) {
         let (gain_db, large_scale_db) = (&mut self.gain_db, &self.large_scale_db);
         let sub_channels = self.sub_channels;
+        if let Some(fading) = &mut self.fading {
+            fading.fade(vectors, present, large_scale_db, sub_channels, gain_db);
+            return;
+        }
         for (block, stream) in self.fading_streams.iter_mut().enumerate() {
             vectors.run(
                 #[inline(always)]

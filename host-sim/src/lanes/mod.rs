@@ -5,6 +5,7 @@
 //! nothing is fused or reassociated, so every width gives the same bits.
 
 mod logarithm;
+mod normal;
 mod power;
 mod products;
 mod random;
@@ -12,6 +13,7 @@ mod rounding;
 mod rows;
 
 pub use logarithm::{decibels, ln};
+pub use normal::normals;
 pub use power::ratio;
 pub use products::{QUAD, pair};
 pub use random::{LaneStream, unit_interval};

@@ -3,7 +3,7 @@
 //! Encoding, choice and power are the library's own lines, called lane by lane. The network's products alone are written anew for
 //! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every
 //! slot decides by the actor alone, so no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
-//! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, `units` decide; so
+//! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, or modems may measure nothing, `units` decide; so
 //! they do for a single world, which is less work than a row of which one lane counts.
 
 mod forms;
@@ -36,7 +36,8 @@ pub static KIND: Kind = Kind {
 /// The actors in the way that fits the worlds: with one table for all vehicles, or one for each.
 pub fn build<'t>(setup: &Setup<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
     let measured = setup.most_vehicles <= usize::from(Period::MAX);
-    if setup.worlds() == 1 || !measured {
+    let misses = setup.scenario.feedback.measurement_loss > 0.0;
+    if setup.worlds() == 1 || !measured || misses {
         return Box::new(units::Units::new(tables, setup));
     }
     match tables {

@@ -76,6 +76,19 @@ impl Encoder {
     #[inline(always)]
     pub fn view(&self, senses: &Senses<'_>) -> View {
         let home = senses.homes().map(i32::from);
+        let groups = &self.groups;
+        let (period, period_reciprocal, joiner_reciprocal) = match senses.heard() {
+            None => (
+                of_home(&groups.period, &home, 0),
+                of_home(&groups.period_reciprocal, &home, 0),
+                of_home(&groups.joiner_reciprocal, &home, 0),
+            ),
+            Some((periods, codes)) => (
+                periods.map(i32::from),
+                periods.map(|period| self.reciprocals[usize::from(period)]),
+                codes.map(|code| self.reciprocals[usize::from(code) + 1]),
+            ),
+        };
         View {
             gain: home_first(&[senses.gain(0), senses.gain(1), senses.gain(2)], &home),
             interference: home_first(
@@ -88,9 +101,9 @@ impl Encoder {
             ),
             age: senses.ages().map(i32::from),
             turn_lost_after: senses.turns_lost_after().map(i32::from),
-            period: of_home(&self.groups.period, &home, 0),
-            period_reciprocal: of_home(&self.groups.period_reciprocal, &home, 0),
-            joiner_reciprocal: of_home(&self.groups.joiner_reciprocal, &home, 0),
+            period,
+            period_reciprocal,
+            joiner_reciprocal,
             home,
         }
     }
