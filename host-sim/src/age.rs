@@ -1,9 +1,11 @@
 //! Statistics of ages over slots, vehicles and worlds.
 
+use crate::activity::Activity;
 use crate::environment::Environment;
 use crate::lanes::{LANES, Row, Rows, Vectors};
 
 use firmware::units::Age;
+use std::ops::AddAssign;
 
 /// Slots at the start whose mean age is reported as `first100`.
 const COLD_START_SLOTS: usize = 100;
@@ -24,6 +26,12 @@ pub struct WorldAges {
     by_vehicle: Vec<Mean>,
     successes: u64,
     slots: u64,
+    /// Vehicle-slots after warm-up, each counted as the slot begins: what `transmissions` and `energy_mj` are over.
+    vehicle_slots: u64,
+    transmissions: u64,
+    energy_mj: f64,
+    /// Sum over successes of the ages that they ended.
+    peak_ages: u64,
     /// How many slots those waited to be heard who joined the running world; `None` who never was.
     pub joiner_waits: Vec<Option<u32>>,
 }
@@ -79,8 +87,12 @@ pub struct AgeCounter {
     /// Where worlds have different vehicles: how often a vehicle of the list was absent from a world, by slot from the start
     /// and, after warm-up, by vehicle. `[slot][world]` and `[vehicle][world]`.
     absences: Option<(Rows<u32>, Rows<u32>)>,
-    /// Received transmissions after warm-up. One item.
-    successes: Rows<u32>,
+    /// Received transmissions after warm-up. One item, as all sums that follow.
+    successes: Rows<u64>,
+    vehicle_slots: Rows<u64>,
+    transmissions: Rows<u64>,
+    energy_mj: Rows<f64>,
+    peak_ages: Rows<u64>,
     slots: u64,
 }
 
@@ -97,35 +109,52 @@ impl AgeCounter {
             presence: vec![0; vehicles],
             absences: None,
             successes: Rows::new(worlds, 1, 0),
+            vehicle_slots: Rows::new(worlds, 1, 0),
+            transmissions: Rows::new(worlds, 1, 0),
+            energy_mj: Rows::new(worlds, 1, 0.0),
+            peak_ages: Rows::new(worlds, 1, 0),
             slots: 0,
         }
     }
 
-    /// Takes in what a slot with this index, counted from the start, has left: ages after its transmissions, and how many of
-    /// these succeeded.
+    /// Takes in what a slot with this index, counted from the start, has left: ages after its transmissions, how many of these
+    /// succeeded, and what they cost.
     pub fn record(&mut self, slot: u32, environment: &Environment<'_>) {
-        let (ages, successes) = (environment.ages(), environment.successes());
+        let ages = environment.ages();
         match environment.presence().rows() {
-            Some(here) => self.record_present(slot, here, ages, successes),
-            None => self.record_all(
-                environment.vectors(),
-                slot,
-                environment.present(),
-                ages,
-                successes,
-            ),
+            Some(here) => self.record_present(slot, here, ages),
+            None => self.record_all(environment.vectors(), slot, environment.present(), ages),
+        }
+        if slot >= self.warmup {
+            self.record_activity(environment.successes(), environment.activity());
+        }
+    }
+
+    /// What a slot after warm-up adds to the sums over all vehicles of a world.
+    fn record_activity(&mut self, successes: &Rows<u16>, activity: &Activity) {
+        for block in 0..successes.blocks() {
+            add(self.successes.row_mut(block, 0), successes.row(block, 0));
+            add(
+                self.vehicle_slots.row_mut(block, 0),
+                activity.vehicles().row(block, 0),
+            );
+            add(
+                self.transmissions.row_mut(block, 0),
+                activity.transmissions().row(block, 0),
+            );
+            add(
+                self.energy_mj.row_mut(block, 0),
+                activity.energy_mj().row(block, 0),
+            );
+            add(
+                self.peak_ages.row_mut(block, 0),
+                activity.peak_ages().row(block, 0),
+            );
         }
     }
 
     /// [`AgeCounter::record`] where the same vehicles are present in every world.
-    fn record_all(
-        &mut self,
-        vectors: Vectors,
-        slot: u32,
-        present: &[usize],
-        ages: &Rows<u8>,
-        successes: &Rows<u16>,
-    ) {
+    fn record_all(&mut self, vectors: Vectors, slot: u32, present: &[usize], ages: &Rows<u8>) {
         let warm = slot >= self.warmup;
         let start = self.start_counts.len();
         let starting = start < START_CURVE_SLOTS;
@@ -143,7 +172,6 @@ impl AgeCounter {
                         for &vehicle in present {
                             add(self.by_vehicle.row_mut(block, vehicle), ages.row(block, vehicle));
                         }
-                        add(self.successes.row_mut(block, 0), successes.row(block, 0));
                     }
                 },
             );
@@ -165,7 +193,7 @@ impl AgeCounter {
     }
 
     /// [`AgeCounter::record`] where worlds have different vehicles: `here` is 1 where a vehicle is present, `[vehicle][world]`.
-    fn record_present(&mut self, slot: u32, here: &Rows<u8>, ages: &Rows<u8>, successes: &Rows<u16>) {
+    fn record_present(&mut self, slot: u32, here: &Rows<u8>, ages: &Rows<u8>) {
         let (worlds, vehicles) = (self.worlds, self.presence.len());
         let (slots_absent, vehicle_absent) = self.absences.get_or_insert_with(|| {
             (
@@ -195,10 +223,6 @@ impl AgeCounter {
                 } else if warm {
                     count(vehicle_absent, vehicle, 1);
                 }
-            }
-            if warm {
-                let received = self.successes.get(world, 0) + u32::from(successes.get(world, 0));
-                self.successes.set(world, 0, received);
             }
         }
         if starting {
@@ -237,8 +261,12 @@ impl AgeCounter {
                     mean(self.by_vehicle.get(world, vehicle), count)
                 })
                 .collect(),
-            successes: u64::from(self.successes.get(world, 0)),
+            successes: self.successes.get(world, 0),
             slots: self.slots,
+            vehicle_slots: self.vehicle_slots.get(world, 0),
+            transmissions: self.transmissions.get(world, 0),
+            energy_mj: self.energy_mj.get(world, 0),
+            peak_ages: self.peak_ages.get(world, 0),
             joiner_waits: Vec::new(),
         };
         (0..self.worlds).map(world).collect()
@@ -246,7 +274,7 @@ impl AgeCounter {
 }
 
 #[inline(always)]
-fn add<T: Copy + Into<u32>>(sums: &mut Row<u32>, values: &Row<T>) {
+fn add<S: AddAssign, T: Copy + Into<S>>(sums: &mut Row<S>, values: &Row<T>) {
     for lane in 0..LANES {
         sums[lane] += values[lane].into();
     }
@@ -303,6 +331,16 @@ pub struct AgeSummary {
     pub first100_ms: f64,
     /// Successful transmissions a slot after warm-up.
     pub success_per_slot: f64,
+    /// Peak age: mean over receptions after warm-up of the age that each ended, saturated as all ages; `None` without one
+    /// (Costa, Codreanu and Ephremides, "On the age of information in status update systems with packet management", 2016).
+    pub peak_ms: Option<f64>,
+    /// The worst 5 % of vehicles, those at the cell's edge: 95th percentile over vehicles of all worlds of their mean ages after
+    /// warm-up.
+    pub worst_vehicles_ms: f64,
+    /// Transmissions after warm-up, received or not, a vehicle and slot.
+    pub transmissions_per_vehicle_slot: f64,
+    /// Mean radiated energy after warm-up, a vehicle and slot: 1 W in a slot of 1 ms is 1 mJ.
+    pub energy_mj_per_vehicle_slot: f64,
     /// By vehicle, over worlds: slots after warm-up in which it was present, and its mean age.
     pub by_vehicle: Vec<Mean>,
     /// Fraction of vehicle-slots after warm-up at each age; index 0 is unused.
@@ -348,6 +386,11 @@ impl AgeSummary {
         let slots: u64 = worlds.iter().map(|world| world.slots).sum();
         let successes: u64 = worlds.iter().map(|world| world.successes).sum();
         let vehicle_slots: u64 = histogram.iter().sum();
+        let peak_ages: u64 = worlds.iter().map(|world| world.peak_ages).sum();
+        // Who was present as a slot began, and not when it ended as in the histogram.
+        let began = worlds.iter().map(|world| world.vehicle_slots).sum::<u64>().max(1);
+        let transmissions: u64 = worlds.iter().map(|world| world.transmissions).sum();
+        let energy_mj: f64 = worlds.iter().map(|world| world.energy_mj).sum();
         Some(Self {
             mean_ms,
             ci95_ms,
@@ -357,6 +400,10 @@ impl AgeSummary {
             p99_ms: quantile(&histogram, 0.99),
             first100_ms: cold_start.value().unwrap_or(mean_ms),
             success_per_slot: successes as f64 / slots as f64,
+            peak_ms: (successes > 0).then(|| peak_ages as f64 / successes as f64),
+            worst_vehicles_ms: worst_vehicles(worlds)?,
+            transmissions_per_vehicle_slot: transmissions as f64 / began as f64,
+            energy_mj_per_vehicle_slot: energy_mj / began as f64,
             by_vehicle,
             distribution: histogram
                 .iter()
@@ -364,6 +411,11 @@ impl AgeSummary {
                 .collect(),
             start_ms: start.iter().filter_map(Mean::value).collect(),
         })
+    }
+
+    /// Age violation: the fraction of vehicle-slots after warm-up at which information is older than this many ms.
+    pub fn share_above(&self, age_ms: usize) -> f64 {
+        self.distribution.iter().skip(age_ms + 1).sum()
     }
 
     /// The mean of independent values and half the width of its 95 % interval (Student's t), which a single value lacks.
@@ -376,6 +428,16 @@ impl AgeSummary {
         });
         (mean, half_width)
     }
+}
+
+/// The mean age that 5 % of the vehicles of all worlds exceed: the smallest that at least 95 % do not.
+fn worst_vehicles(worlds: &[WorldAges]) -> Option<f64> {
+    let vehicles = worlds.iter().flat_map(|world| &world.by_vehicle);
+    let mut means: Vec<f64> = vehicles.filter_map(Mean::value).collect();
+    means.sort_by(f64::total_cmp);
+    means
+        .get((means.len() * 95).div_ceil(100).checked_sub(1)?)
+        .copied()
 }
 
 /// The smallest age that at least this fraction of the vehicle-slots does not exceed.
@@ -454,7 +516,16 @@ mod tests {
             let mut ages = Rows::new(2, 1, 0);
             ages.set(0, 0, 1 + slot as u8);
             ages.set(1, 0, 3 + slot as u8);
-            counter.record_all(Vectors::widest(), slot, &[0], &ages, &Rows::new(2, 1, 1));
+            counter.record_all(Vectors::widest(), slot, &[0], &ages);
+            if slot >= 2 {
+                let activity = Activity {
+                    vehicles: Rows::new(2, 1, 1),
+                    transmissions: Rows::new(2, 1, u16::from(slot == 3)),
+                    energy_mj: Rows::new(2, 1, if slot == 3 { 0.5 } else { 0.0 }),
+                    peak_ages: Rows::new(2, 1, 10 * slot),
+                };
+                counter.record_activity(&Rows::new(2, 1, 1), &activity);
+            }
         }
         let worlds = counter.worlds();
         let summary = AgeSummary::new(&worlds).unwrap();
@@ -463,9 +534,36 @@ mod tests {
         assert_eq!(summary.first100_ms, 3.5);
         assert_eq!(summary.p99_ms, 6.0);
         assert_eq!(summary.success_per_slot, 1.0);
+        assert_eq!(summary.peak_ms, Some(25.0)); // 20 and 30
+        assert_eq!(summary.transmissions_per_vehicle_slot, 0.5);
+        assert_eq!(summary.energy_mj_per_vehicle_slot, 0.25);
+        // Ages 3 and 4 in one world, 5 and 6 in the other.
+        let shares = [2, 3, 5, 6, 100].map(|age| summary.share_above(age));
+        assert_eq!(shares, [1.0, 0.75, 0.25, 0.0, 0.0]);
+        assert_eq!(summary.worst_vehicles_ms, 5.5);
         assert_eq!(summary.by_vehicle[0].count(), 4);
         assert!((summary.ci95_ms.unwrap() - 12.706).abs() < 1e-12); // standard error 1
         assert_eq!(AgeSummary::new(&AgeCounter::new(5, 1, 1).worlds()), None);
+    }
+
+    #[test]
+    fn one_vehicle_in_twenty_is_worse() {
+        // Mean ages 1 to 40 in two worlds, of which two are above 38. Vehicle 20 is in world 0 alone, vehicle 21 nowhere.
+        let mut counter = AgeCounter::new(0, 2, 22);
+        let (mut here, mut ages) = (Rows::new(2, 22, 1), Rows::new(2, 22, 100));
+        for (world, vehicle) in [(1, 20), (0, 21), (1, 21)] {
+            here.set(world, vehicle, 0);
+        }
+        for age in 0..39 {
+            ages.set(age % 2, age / 2, 1 + age as u8);
+        }
+        ages.set(1, 19, 39);
+        ages.set(0, 20, 40);
+        counter.record_present(0, &here, &ages);
+        let summary = AgeSummary::new(&counter.worlds()).unwrap();
+        assert_eq!(summary.worst_vehicles_ms, 39.0);
+        assert_eq!(summary.share_above(39), 1.0 / 41.0);
+        assert_eq!(summary.peak_ms, None, "nobody was received");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! whole rows of [`crate::lanes::LANES`]. A world's bytes follow from its key alone: they do not depend on the batch, the lane or
 //! the thread that it is run in.
 
+use crate::activity::Activity;
 use crate::base_station::BaseStation;
 use crate::channel::Channel;
 use crate::churn::Churn;
@@ -75,6 +76,7 @@ pub struct Environment<'s> {
     sensing: Box<dyn Sensing>,
     /// Of a scheduler's grants, if any are lost.
     grant_losses: Option<Losses>,
+    activity: Activity,
     /// In slots, `[vehicle][world]`.
     ages: Rows<u8>,
     /// The decisions of those who are present, where worlds have different vehicles.
@@ -128,6 +130,7 @@ impl<'s> Environment<'s> {
             base_station: BaseStation::new(scenario, &keys, vehicles),
             sensing: sensing(scenario, vehicles, &keys),
             grant_losses: Losses::new(scenario.feedback.grant_loss, 4, &keys),
+            activity: Activity::new(count),
             ages: Rows::new(count, vehicles, Age::MAX.slots()),
             present_decisions: differs.then(|| Decisions::new(count, vehicles)),
             keys,
@@ -250,6 +253,11 @@ impl<'s> Environment<'s> {
     /// How many vehicles were received in the slot before, in every world: one item.
     pub fn successes(&self) -> &Rows<u16> {
         self.radio.successes()
+    }
+
+    /// What the vehicles did in the slot before, in every world.
+    pub fn activity(&self) -> &Activity {
+        &self.activity
     }
 
     /// A vehicle's age of information at the beginning of the slot.
@@ -375,6 +383,8 @@ impl<'s> Environment<'s> {
         self.radio
             .evaluate(self.vectors, present, decisions, self.channel.gain_db());
         let (ages, received) = (&mut self.ages, self.radio.received());
+        self.activity
+            .record(self.vectors, &self.presence, decisions, received, ages);
         for block in 0..ages.blocks() {
             self.vectors.run(
                 #[inline(always)]

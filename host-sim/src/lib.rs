@@ -32,6 +32,7 @@
     reason = "loops over the lanes of several rows become vector instructions as they stand"
 )]
 
+pub mod activity;
 pub mod age;
 pub mod base_station;
 pub mod capacity;

@@ -247,9 +247,22 @@ fn nobody_who_is_absent_is_heard_counted_or_asked() {
                 }
             }
         }
-        let here: Vec<bool> = (0..40).map(|world| place(world, slot as usize % ROOM)).collect();
+        let sender = slot as usize % ROOM;
+        let here: Vec<bool> = (0..40).map(|world| place(world, sender)).collect();
+        let before = |world| {
+            let older = u32::from(environment.age(world, sender).slots()) + 1;
+            (environment.presence().count(world), older.min(100))
+        };
+        let before: Vec<(usize, u32)> = (0..40).map(before).collect();
         environment.step(&decisions);
         for (world, here) in here.into_iter().enumerate() {
+            let (activity, (present, peak)) = (environment.activity(), before[world]);
+            let received = u32::from(environment.successes().get(world, 0));
+            assert_eq!(usize::from(activity.vehicles().get(world, 0)), present);
+            assert_eq!(activity.transmissions().get(world, 0), u16::from(here));
+            let energy_mj = activity.energy_mj().get(world, 0);
+            assert_eq!(energy_mj, f32::from(u8::from(here)), "1 W for 1 ms");
+            assert_eq!(activity.peak_ages().get(world, 0), received * peak);
             if !here {
                 assert!(!environment.received(world, slot as usize % ROOM));
                 absent += 1;

@@ -78,6 +78,13 @@ fn run_gives_the_contract_s_keys_for_every_policy() {
             "p99_age_ms",
             "first100_age_ms",
             "success_per_slot",
+            "peak_age_ms",
+            "age_above_10_ms",
+            "age_above_20_ms",
+            "age_above_50_ms",
+            "worst_vehicles_ms",
+            "transmissions_per_vehicle_slot",
+            "energy_mj_per_vehicle_slot",
             "slots_per_second",
         ] {
             assert!(policy[key].is_number(), "{key} of {}", policy["policy"]);

@@ -42,6 +42,20 @@ pub struct Evaluation {
     first100_age_ms: f64,
     /// Successful transmissions a slot.
     success_per_slot: f64,
+    /// Mean of the ages that receptions ended, each just before; None without one.
+    peak_age_ms: Option<f64>,
+    /// Fraction of vehicle-slots with information older than 10 ms.
+    age_above_10_ms: f64,
+    /// Older than 20 ms.
+    age_above_20_ms: f64,
+    /// Older than 50 ms.
+    age_above_50_ms: f64,
+    /// Mean age that one vehicle in 20 exceeds, over all worlds.
+    worst_vehicles_ms: f64,
+    /// Transmissions a vehicle and slot, received or not.
+    transmissions_per_vehicle_slot: f64,
+    /// Energy that they radiate, a vehicle and slot.
+    energy_mj_per_vehicle_slot: f64,
     /// Fraction of vehicle-slots at each age: float64 (101,), index 0 unused.
     distribution: Py<PyArray1<f64>>,
     /// Mean age after each of the first 300 slots, in ms: float64.
@@ -75,6 +89,13 @@ impl Evaluation {
             p99_age_ms: ages.p99_ms,
             first100_age_ms: ages.first100_ms,
             success_per_slot: ages.success_per_slot,
+            peak_age_ms: ages.peak_ms,
+            age_above_10_ms: ages.share_above(10),
+            age_above_20_ms: ages.share_above(20),
+            age_above_50_ms: ages.share_above(50),
+            worst_vehicles_ms: ages.worst_vehicles_ms,
+            transmissions_per_vehicle_slot: ages.transmissions_per_vehicle_slot,
+            energy_mj_per_vehicle_slot: ages.energy_mj_per_vehicle_slot,
             distribution,
             start_ms,
         }

@@ -9,6 +9,8 @@ from freshlane import POLICIES, BatchEnvironment, Scenario, Table, evaluate, rea
 
 KEYS = (
     "mean_age_ms mean_age_ci95_ms median_world_age_ms p99_age_ms first100_age_ms success_per_slot "
+    "peak_age_ms age_above_10_ms age_above_20_ms age_above_50_ms worst_vehicles_ms "
+    "transmissions_per_vehicle_slot energy_mj_per_vehicle_slot "
     "vehicles worlds slots"
 ).split()
 EXTENT = {"worlds": 40, "slots": 300, "warmup": 100, "seed": 9}

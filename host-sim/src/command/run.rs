@@ -142,7 +142,9 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     let (description, bound_ms) = (experiment.description(), experiment.simulation().bound_age_ms());
     let age_table = ages::table(&results, &description, bound_ms);
+    let measures = ages::measures(&results);
     say!("{age_table}");
+    say!("{measures}");
     let mut set = ages::files(&results, &description, bound_ms)?;
     let table = experiment.table.parse()?;
     set.extend(cell_figures::files(
@@ -158,7 +160,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         set.extend(traffic::paper_figures(&experiment.scenario)?);
     }
     set.push(("run.json".to_owned(), format!("{object:#}\n")));
-    let page = pages::run(&experiment, &results, &age_table, traffic_table.as_ref(), &set)?;
+    let tables = [&age_table, &measures];
+    let page = pages::run(&experiment, &results, tables, traffic_table.as_ref(), &set)?;
     set.push(("report.html".to_owned(), page.render()));
     files::write_set(out, &set)?;
     say!("{}", files::written(out, "report.html", &set));

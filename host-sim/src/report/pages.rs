@@ -17,14 +17,14 @@ const SCENE: &str = "Vehicles share a few radio sub-channels to one base station
 /// Relative difference of mean ages below which two policies' lines are hard to tell apart (chosen).
 const ALIKE: f64 = 0.005;
 
-/// The report of `run`. `set` holds its figures by file name.
+/// The report of `run`, with the tables of ages and of what else is measured. `set` holds its figures by file name.
 ///
 /// # Errors
 /// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
 pub fn run(
     experiment: &Experiment,
     results: &[PolicyResult],
-    ages: &TextTable<8>,
+    [ages, measures]: [&TextTable<8>; 2],
     traffic: Option<&TextTable<7>>,
     set: &[NamedText],
 ) -> Result<Page> {
@@ -40,7 +40,7 @@ pub fn run(
                 "mean_age.svg",
                 "Mean age by policy on a logarithmic scale. A bar's length is the ratio to the bound; whiskers are 95 % \
                  intervals over worlds.",
-            )])).collect(),
+            )])).chain([Block::table(measures)]).collect(),
         },
         Section {
             heading: "Over time",

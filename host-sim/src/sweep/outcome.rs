@@ -5,7 +5,7 @@ use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// A point's result. Ages in ms; the keys are those of `host-sim run --json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +26,14 @@ pub struct Outcome {
     pub p99_age_ms: f64,
     pub first100_age_ms: f64,
     pub success_per_slot: f64,
+    /// `None` where nobody was received.
+    pub peak_age_ms: Option<f64>,
+    pub age_above_10_ms: f64,
+    pub age_above_20_ms: f64,
+    pub age_above_50_ms: f64,
+    pub worst_vehicles_ms: f64,
+    pub transmissions_per_vehicle_slot: f64,
+    pub energy_mj_per_vehicle_slot: f64,
     /// `None` with a trace, like all that follows.
     pub uniform_mean_v_over_c: Option<f64>,
     pub uniform_mean_link_time_s: Option<f64>,
@@ -46,8 +54,8 @@ impl Outcome {
         ("warmup", |outcome| outcome.warmup),
     ];
 
-    /// What came out.
-    pub const NUMBERS: [Field<Option<f64>>; 12] = [
+    /// What came out; a new column goes to the end.
+    pub const NUMBERS: [Field<Option<f64>>; 19] = [
         ("bound_age_ms", |outcome| Some(outcome.bound_age_ms)),
         ("mean_age_ms", |outcome| Some(outcome.mean_age_ms)),
         ("mean_age_ci95_ms", |outcome| outcome.mean_age_ci95_ms),
@@ -65,6 +73,17 @@ impl Outcome {
         }),
         ("informed_mean_trip_time_s", |outcome| {
             outcome.informed_mean_trip_time_s
+        }),
+        ("peak_age_ms", |outcome| outcome.peak_age_ms),
+        ("age_above_10_ms", |outcome| Some(outcome.age_above_10_ms)),
+        ("age_above_20_ms", |outcome| Some(outcome.age_above_20_ms)),
+        ("age_above_50_ms", |outcome| Some(outcome.age_above_50_ms)),
+        ("worst_vehicles_ms", |outcome| Some(outcome.worst_vehicles_ms)),
+        ("transmissions_per_vehicle_slot", |outcome| {
+            Some(outcome.transmissions_per_vehicle_slot)
+        }),
+        ("energy_mj_per_vehicle_slot", |outcome| {
+            Some(outcome.energy_mj_per_vehicle_slot)
         }),
     ];
 
@@ -90,6 +109,13 @@ impl Outcome {
             p99_age_ms: ages.p99_ms,
             first100_age_ms: ages.first100_ms,
             success_per_slot: ages.success_per_slot,
+            peak_age_ms: ages.peak_ms,
+            age_above_10_ms: ages.share_above(10),
+            age_above_20_ms: ages.share_above(20),
+            age_above_50_ms: ages.share_above(50),
+            worst_vehicles_ms: ages.worst_vehicles_ms,
+            transmissions_per_vehicle_slot: ages.transmissions_per_vehicle_slot,
+            energy_mj_per_vehicle_slot: ages.energy_mj_per_vehicle_slot,
             uniform_mean_v_over_c: traffic.as_ref().map(|t| t.uniform.mean_volume_over_capacity),
             uniform_mean_link_time_s: traffic.as_ref().map(|t| t.uniform.mean_link_time),
             per_road_mean_v_over_c: traffic.as_ref().map(|t| t.stale.mean_volume_over_capacity),
