@@ -2,12 +2,12 @@
 
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, Canvas, GREY, HEIGHT_PX, INK, LABEL_PX, LINE_HEIGHT, NOTE_PX, PALETTE, Plot, RIM_PX, TITLE_PX,
-    Type, WIDTH_PX, draw_svg,
+    Anchor, Colour, Frame, GREY, HEIGHT_PX, INK, LABEL_LINE_PX, LABEL_PX, PALETTE, Plot, RIM_PX, Type,
+    WIDTH_PX, disc, line, rectangle, text, texts,
 };
-use super::{Axis, Reference, Scale};
-use kit::error::{Error, Result};
-use plotters::style::RGBColor;
+use super::{Axis, Reference, Scale, nothing_to_draw};
+use kit::error::Result;
+use maud::{Markup, html};
 
 /// Widest name beside a bar, px.
 const NAME_PX: f64 = 210.0;
@@ -20,9 +20,9 @@ const HALF_BAR_PX: f64 = 10.0;
 const HALF_CAP_PX: f64 = 7.0;
 
 /// A bar of ordinary things, and of those that the figure is about: tints of the first two colours of the palette.
-const BAR_COLOURS: [(RGBColor, RGBColor); 2] = [
-    (PALETTE[0], RGBColor(158, 202, 225)),
-    (PALETTE[1], RGBColor(253, 190, 133)),
+const BAR_COLOURS: [(Colour, Colour); 2] = [
+    (PALETTE[0], Colour(158, 202, 225)),
+    (PALETTE[1], Colour(253, 190, 133)),
 ];
 
 /// The digits of an emphasised bar.
@@ -43,6 +43,13 @@ pub struct Bar {
     pub interval: Option<(f64, f64)>,
     /// Whether the figure is about this one.
     pub emphasised: bool,
+}
+
+impl Bar {
+    /// Its mark's colour, and the bar's.
+    fn colours(&self) -> (Colour, Colour) {
+        BAR_COLOURS[usize::from(self.emphasised)]
+    }
 }
 
 /// A figure of horizontal bars, from top to bottom in the order given, each with its value in digits.
@@ -69,55 +76,34 @@ impl BarChart {
     /// The figure as SVG text.
     ///
     /// # Errors
-    /// [`Error::Input`] names the figure when it has no bar, a number is not finite, or a number on a logarithmic axis
-    /// is not above zero.
+    /// [`Error::Input`](kit::error::Error::Input) names the figure when it has no bar, a number is not finite, or a number on a
+    /// logarithmic axis is not above zero.
     pub fn to_svg(&self) -> Result<String> {
         if self.bars.is_empty() {
-            let place = format!("figure '{}'", self.title);
-            return Err(Error::input(place, "no bar", "at least one"));
+            return Err(nothing_to_draw(&self.title, "bar"));
         }
-        let values = || {
-            let of_bars = self.bars.iter().flat_map(|bar| {
-                let interval = bar.interval.into_iter().flat_map(|(lower, upper)| [lower, upper]);
-                std::iter::once(bar.value).chain(interval)
-            });
-            let reference = self.reference.iter().map(|reference| reference.value);
-            let zero = (self.axis.scale == Scale::Linear).then_some(0.0);
-            of_bars.chain(reference).chain(zero)
-        };
-        for value in values() {
-            self.axis.check(&self.title, value)?;
-        }
-        let ticks = Ticks::around(self.axis.scale, values());
+        let of_bars = self.bars.iter().flat_map(|bar| {
+            let interval = bar.interval.into_iter().flat_map(|(lower, upper)| [lower, upper]);
+            std::iter::once(bar.value).chain(interval)
+        });
+        let reference = self.reference.iter().map(|reference| reference.value);
+        let zero = (self.axis.scale == Scale::Linear).then_some(0.0);
+        let values: Vec<f64> = of_bars.chain(reference).chain(zero).collect();
+        self.axis.check(&self.title, &values)?;
+        let ticks = Ticks::around(self.axis.scale, values);
 
-        let names: Vec<_> = self
-            .bars
-            .iter()
-            .map(|bar| Type::LABEL.wrap(&bar.name, NAME_PX))
-            .collect();
-        let digits: Vec<_> = self.bars.iter().map(|bar| self.digits(bar)).collect();
-        let widest = |texts: &mut dyn Iterator<Item = &String>, face: Type| {
-            texts.map(|text| face.width(text)).fold(0.0, f64::max)
-        };
-        let title = Type::TITLE.wrap(&self.title, WIDTH_PX - 2.0 * RIM_PX);
-        let note = if self.note.is_empty() {
-            Vec::new()
-        } else {
-            Type::NOTE.wrap(&self.note, WIDTH_PX - 2.0 * RIM_PX)
-        };
-        let left = RIM_PX + widest(&mut names.iter().flatten(), Type::LABEL) + 14.0;
-        let right = WIDTH_PX - RIM_PX - widest(&mut digits.iter(), EMPHASIS) - 16.0;
-        let reference_height = if self.reference.is_some() {
-            LABEL_PX * LINE_HEIGHT + 6.0
-        } else {
-            0.0
-        };
-        let top = RIM_PX + title.len() as f64 * TITLE_PX * LINE_HEIGHT + 14.0 + reference_height;
+        let name_lines = |bar: &Bar| Type::LABEL.wrap(&bar.name, NAME_PX);
+        let names: Vec<Vec<String>> = self.bars.iter().map(name_lines).collect();
+        let digits: Vec<String> = self.bars.iter().map(|bar| self.digits(bar)).collect();
+        let frame = Frame::new(&self.title, &self.note);
+        let left = RIM_PX + Type::LABEL.widest(names.iter().flatten()) + 14.0;
+        let right = WIDTH_PX - RIM_PX - EMPHASIS.widest(&digits) - 16.0;
+        let reference_height = self.reference.as_ref().map_or(0.0, |_| LABEL_LINE_PX + 6.0);
+        let top = frame.top() + reference_height;
         let label = Type::LABEL.wrap(&self.axis.label, right - left);
-        let note_height = note.len() as f64 * NOTE_PX * LINE_HEIGHT;
-        let below = 40.0 + label.len() as f64 * LABEL_PX * LINE_HEIGHT + note_height + RIM_PX;
+        let below = frame.below(label.len());
         let most_lines = names.iter().map(Vec::len).max().unwrap_or(1);
-        let row = ROW_PX.max(most_lines as f64 * LABEL_PX * LINE_HEIGHT + 8.0);
+        let row = ROW_PX.max(most_lines as f64 * LABEL_LINE_PX + 8.0);
         let height = HEIGHT_PX.max(top + below + row * self.bars.len() as f64);
         let plot = Plot {
             left,
@@ -126,23 +112,25 @@ impl BarChart {
             bottom: height - below,
         };
         let row = (plot.bottom - plot.top) / self.bars.len() as f64;
-        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
-            canvas.title_and_note(&title, &note, height)?;
-            canvas.horizontal_axis(&plot, &ticks, &label)?;
-            for (index, bar) in self.bars.iter().enumerate() {
-                let y = plot.top + (index as f64 + 0.5) * row;
-                self.draw_bar(canvas, (&plot, &ticks), bar, y)?;
-                let above = (names[index].len() as f64 - 1.0) / 2.0 * LABEL_PX * LINE_HEIGHT;
-                let name_at = (plot.left - 10.0, y - above);
-                canvas.lines(&names[index], name_at, Type::LABEL, Anchor::Right)?;
+        let y = |index: usize| plot.top + (index as f64 + 0.5) * row;
+        let pixel = |value: f64| plot.x(ticks.share(value));
+        let content = html! {
+            (plot.horizontal_axis(&ticks, &label))
+            @for (index, (bar, name)) in self.bars.iter().zip(&names).enumerate() {
+                @if let Some(base) = self.base() {
+                    @let (from, to) = (pixel(base), pixel(bar.value));
+                    (rectangle((from, y(index) - HALF_BAR_PX), (to, y(index) + HALF_BAR_PX), bar.colours().1))
+                }
+                @let above = (name.len() as f64 - 1.0) / 2.0 * LABEL_LINE_PX;
+                (texts(name, (plot.left - 10.0, y(index) - above), Type::LABEL, Anchor::Right))
             }
-            self.draw_reference(canvas, &plot, &ticks)?;
-            for (index, bar) in self.bars.iter().enumerate() {
-                let y = plot.top + (index as f64 + 0.5) * row;
-                self.draw_value(canvas, (&plot, &ticks), bar, (&digits[index], y))?;
+            (self.draw_reference(&plot, &pixel))
+            // The marks, the error bars and the digits, above everything else.
+            @for (index, (bar, digits)) in self.bars.iter().zip(&digits).enumerate() {
+                (self.draw_value(&pixel, bar, digits, y(index)))
             }
-            Ok(())
-        })
+        };
+        Ok(frame.svg(height, &content))
     }
 
     /// A value and, if it has an interval, the larger of its two arms.
@@ -163,64 +151,56 @@ impl BarChart {
         }
     }
 
-    fn draw_bar(&self, canvas: &Canvas<'_>, (plot, ticks): (&Plot, &Ticks), bar: &Bar, y: f64) -> Result<()> {
-        let base = match (self.axis.scale, &self.reference) {
-            (Scale::Linear, _) => Some(0.0),
-            (Scale::Logarithmic, Some(reference)) => Some(reference.value),
-            (Scale::Logarithmic, None) => None,
-        };
-        let Some(base) = base else { return Ok(()) };
-        let (from, to) = (plot.x(ticks.share(base)), plot.x(ticks.share(bar.value)));
-        let (_, tint) = BAR_COLOURS[usize::from(bar.emphasised)];
-        canvas.rectangle((from, y - HALF_BAR_PX), (to, y + HALF_BAR_PX), tint)
+    /// Where bars begin.
+    fn base(&self) -> Option<f64> {
+        match self.axis.scale {
+            Scale::Linear => Some(0.0),
+            Scale::Logarithmic => self.reference.as_ref().map(|reference| reference.value),
+        }
     }
 
-    /// The mark, the error bar and the digits, above everything else.
-    fn draw_value(
-        &self,
-        canvas: &Canvas<'_>,
-        (plot, ticks): (&Plot, &Ticks),
-        bar: &Bar,
-        (digits, y): (&str, f64),
-    ) -> Result<()> {
-        let pixel = |value: f64| plot.x(ticks.share(value));
-        let (colour, _) = BAR_COLOURS[usize::from(bar.emphasised)];
+    fn draw_value(&self, pixel: &impl Fn(f64) -> f64, bar: &Bar, digits: &str, y: f64) -> Markup {
+        let interval = bar.interval.map(|(lower, upper)| (pixel(lower), pixel(upper)));
         let mut end = pixel(bar.value) + 5.0;
-        if let Some((lower, upper)) = bar.interval {
-            let (lower, upper) = (pixel(lower), pixel(upper));
-            canvas.path(&[(lower, y), (upper, y)], INK, 1.5, None)?;
-            for x in [lower, upper] {
-                canvas.path(&[(x, y - HALF_CAP_PX), (x, y + HALF_CAP_PX)], INK, 1.5, None)?;
-            }
+        if let Some((_, upper)) = interval {
             end = end.max(upper);
         }
-        canvas.disc((pixel(bar.value), y), 3.5, colour)?;
+        // Digits do not stand on the reference line.
         if let Some(reference) = &self.reference {
-            // The digits would stand on the line.
             let line = pixel(reference.value);
-            let width = Type::LABEL.width(digits);
-            if end - 2.0 < line && line < end + 8.0 + width {
+            if end - 2.0 < line && line < end + 8.0 + Type::LABEL.width(digits) {
                 end = line;
             }
         }
         let face = if bar.emphasised { EMPHASIS } else { Type::LABEL };
-        canvas.text(digits, (end + 8.0, y), face, Anchor::Left)
+        html! {
+            @if let Some((lower, upper)) = interval {
+                (line(&[(lower, y), (upper, y)], INK, 1.5, None))
+                @for x in [lower, upper] {
+                    (line(&[(x, y - HALF_CAP_PX), (x, y + HALF_CAP_PX)], INK, 1.5, None))
+                }
+            }
+            (disc((pixel(bar.value), y), 3.5, bar.colours().0))
+            (text(digits, (end + 8.0, y), face, Anchor::Left))
+        }
     }
 
-    fn draw_reference(&self, canvas: &Canvas<'_>, plot: &Plot, ticks: &Ticks) -> Result<()> {
+    fn draw_reference(&self, plot: &Plot, pixel: &impl Fn(f64) -> f64) -> Markup {
         let Some(reference) = &self.reference else {
-            return Ok(());
+            return Markup::default();
         };
-        let x = plot.x(ticks.share(reference.value));
-        canvas.path(&[(x, plot.top - 4.0), (x, plot.bottom)], GREY, 1.75, Some((5, 3)))?;
-        let text = format!("{} {:.*}", reference.name, self.decimals, reference.value);
-        let half = Type::LABEL.width(&text) / 2.0;
+        let x = pixel(reference.value);
+        let name = format!("{} {:.*}", reference.name, self.decimals, reference.value);
+        let half = Type::LABEL.width(&name) / 2.0;
         let middle = x.min(WIDTH_PX - RIM_PX - half).max(RIM_PX + half);
-        let y = plot.top - 4.0 - LABEL_PX * LINE_HEIGHT / 2.0;
+        let above = plot.top - 4.0;
         let face = Type {
             colour: GREY,
             ..Type::LABEL
         };
-        canvas.text(&text, (middle, y), face, Anchor::Middle)
+        html! {
+            (line(&[(x, above), (x, plot.bottom)], GREY, 1.75, Some("5 3")))
+            (text(&name, (middle, above - LABEL_LINE_PX / 2.0), face, Anchor::Middle))
+        }
     }
 }

@@ -1,22 +1,8 @@
-//! Pixels, strokes and type: the one look of all figures.
+//! Pixels, strokes and type: the one look of all figures, as pieces of SVG.
 
 use super::axis::Ticks;
-use kit::error::{Error, Result};
-use maud::html;
-use plotters::coord::Shift;
-use plotters::element::DashedPathElement;
-use plotters::prelude::{
-    Circle, Color as _, DrawingArea, FontStyle, FontTransform, IntoDrawingArea as _, IntoFont as _,
-    PathElement, Polygon, RGBColor, Rectangle, SVGBackend, WHITE,
-};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{ShapeStyle, TextStyle};
-
-/// Plotters places everything on whole units; this many to a pixel keep curves smooth.
-const UNITS_PER_PIXEL: u32 = 8;
-
-/// Plotters' SVG backend divides the size of a font by this.
-const BACKEND_FONT_DIVISOR: f64 = 1.24;
+use maud::{Markup, html};
+use std::fmt;
 
 /// Mean width of a character, in its font size. Chosen generously: DejaVu Sans, the widest face that `sans-serif`
 /// usually means, has 0.56 for English text and 0.64 for digits.
@@ -25,14 +11,19 @@ const CHARACTER_WIDTH: f64 = 0.62;
 /// Extra width of bold type.
 const BOLD_FACTOR: f64 = 1.12;
 
+/// From the middle of a letter down to the line that it stands on, in its font size.
+const HALF_LETTER: f64 = 0.35;
+
 /// Font size of labels and numbers, px.
 pub(super) const LABEL_PX: f64 = 14.0;
 /// Font size of titles, px.
-pub(super) const TITLE_PX: f64 = 17.0;
+const TITLE_PX: f64 = 17.0;
 /// Font size of notes, px.
-pub(super) const NOTE_PX: f64 = 12.0;
+const NOTE_PX: f64 = 12.0;
 /// Distance between two lines of text, in their font size.
-pub(super) const LINE_HEIGHT: f64 = 1.35;
+const LINE_HEIGHT: f64 = 1.35;
+/// Distance between two lines of labels, px.
+pub(super) const LABEL_LINE_PX: f64 = LABEL_PX * LINE_HEIGHT;
 /// Empty rim around everything, px.
 pub(super) const RIM_PX: f64 = 18.0;
 /// Default width of a figure, px.
@@ -40,33 +31,48 @@ pub(super) const WIDTH_PX: f64 = 900.0;
 /// Least height of a figure, px.
 pub(super) const HEIGHT_PX: f64 = 560.0;
 
+/// Red, green and blue.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Colour(pub u8, pub u8, pub u8);
+
+impl fmt::Display for Colour {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+}
+
+/// The ground.
+const WHITE: Colour = Colour(255, 255, 255);
 /// Text and axes.
-pub(super) const INK: RGBColor = RGBColor(34, 34, 34);
+pub(super) const INK: Colour = Colour(34, 34, 34);
 /// Secondary text and reference lines.
-pub(super) const GREY: RGBColor = RGBColor(90, 90, 90);
+pub(super) const GREY: Colour = Colour(90, 90, 90);
 /// Grid lines.
-pub(super) const FAINT: RGBColor = RGBColor(225, 225, 225);
+pub(super) const FAINT: Colour = Colour(225, 225, 225);
 
 /// Colours that colour-blind readers can tell apart, the clearest on white first.
 ///
 /// # Source
 /// M. Okabe, K. Ito, "Color Universal Design" (2008), their eight colours; only the order is chosen here.
-pub(super) const PALETTE: [RGBColor; 8] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(0, 0, 0),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(240, 228, 66),
+pub(super) const PALETTE: [Colour; 8] = [
+    Colour(0, 114, 178),
+    Colour(213, 94, 0),
+    Colour(0, 158, 115),
+    Colour(204, 121, 167),
+    Colour(0, 0, 0),
+    Colour(230, 159, 0),
+    Colour(86, 180, 233),
+    Colour(240, 228, 66),
 ];
 
 /// How a line is broken: lengths of dash and gap, px; `None` is a solid line.
-pub(super) type Dash = Option<(u32, u32)>;
+pub(super) type Dash = Option<&'static str>;
 
 /// Dashes by series; their number and the palette's have no common divisor, so a look repeats after 40 series.
-pub(super) const DASHES: [Dash; 5] = [None, Some((9, 4)), Some((3, 3)), Some((16, 5)), Some((6, 2))];
+pub(super) const DASHES: [Dash; 5] = [None, Some("9 4"), Some("3 3"), Some("16 5"), Some("6 2")];
+
+/// A place, px from the left and from the top.
+pub(super) type At = (f64, f64);
 
 /// The rectangle in which data are drawn, px.
 #[derive(Debug, Clone, Copy)]
@@ -87,6 +93,41 @@ impl Plot {
     pub fn y(&self, share: f64) -> f64 {
         self.bottom - share * (self.bottom - self.top)
     }
+
+    /// The horizontal axis: grid, ticks, numbers and label below the plot.
+    pub fn horizontal_axis(&self, ticks: &Ticks, label: &[String]) -> Markup {
+        html! {
+            @for tick in &ticks.ticks {
+                @let x = self.x(ticks.share(tick.value));
+                (line(&[(x, self.top), (x, self.bottom)], FAINT, 1.0, None))
+                @if let Some(number) = &tick.label {
+                    (line(&[(x, self.bottom), (x, self.bottom + 5.0)], INK, 1.0, None))
+                    (text(number, (x, self.bottom + 16.0), Type::LABEL, Anchor::Middle))
+                }
+            }
+            (line(&[(self.left, self.bottom), (self.right, self.bottom)], INK, 1.25, None))
+            (texts(label, (self.x(0.5), self.bottom + 40.0), Type::LABEL, Anchor::Middle))
+        }
+    }
+
+    /// The vertical axis: grid, ticks, numbers, and the label turned along it, at the left rim.
+    pub fn vertical_axis(&self, ticks: &Ticks, label: &[String]) -> Markup {
+        let (label_x, middle) = (RIM_PX + LABEL_PX / 2.0, px(self.y(0.5)));
+        html! {
+            @for tick in &ticks.ticks {
+                @let y = self.y(ticks.share(tick.value));
+                (line(&[(self.left, y), (self.right, y)], FAINT, 1.0, None))
+                @if let Some(number) = &tick.label {
+                    (line(&[(self.left - 5.0, y), (self.left, y)], INK, 1.0, None))
+                    (text(number, (self.left - 9.0, y), Type::LABEL, Anchor::Right))
+                }
+            }
+            (line(&[(self.left, self.top), (self.left, self.bottom)], INK, 1.25, None))
+            g transform={ "rotate(-90 " (label_x) " " (middle) ")" } {
+                (texts(label, (label_x, middle), Type::LABEL, Anchor::Middle))
+            }
+        }
+    }
 }
 
 /// Where a text stands relative to its point.
@@ -102,7 +143,7 @@ pub(super) enum Anchor {
 pub(super) struct Type {
     pub size_px: f64,
     pub bold: bool,
-    pub colour: RGBColor,
+    pub colour: Colour,
 }
 
 impl Type {
@@ -113,13 +154,13 @@ impl Type {
         colour: INK,
     };
     /// Titles.
-    pub const TITLE: Self = Self {
+    const TITLE: Self = Self {
         size_px: TITLE_PX,
         bold: true,
         colour: INK,
     };
     /// Notes.
-    pub const NOTE: Self = Self {
+    const NOTE: Self = Self {
         size_px: NOTE_PX,
         bold: false,
         colour: GREY,
@@ -131,245 +172,155 @@ impl Type {
         text.chars().count() as f64 * CHARACTER_WIDTH * factor * self.size_px
     }
 
+    /// The width of the widest text, px.
+    pub fn widest<'t>(self, texts: impl IntoIterator<Item = &'t String>) -> f64 {
+        texts.into_iter().map(|text| self.width(text)).fold(0.0, f64::max)
+    }
+
     /// Breaks a text into lines of at most `width_px`, between words; a longer word is broken within. A no-break space
     /// (U+00A0) holds a number and its unit together.
     pub fn wrap(self, text: &str, width_px: f64) -> Vec<String> {
-        let mut lines = vec![String::new()];
+        let most = (width_px / self.width("x")).max(1.0) as usize;
+        let mut lines: Vec<String> = Vec::new();
         for word in text.split_ascii_whitespace() {
-            let mut rest: Vec<char> = word.chars().collect();
-            while !rest.is_empty() {
-                let line = lines.last().map_or("", String::as_str);
-                let joined: String = if line.is_empty() {
-                    rest.iter().collect()
-                } else {
-                    format!("{line} {}", rest.iter().collect::<String>())
-                };
-                if self.width(&joined) <= width_px {
-                    let _replaced = lines.pop();
-                    lines.push(joined);
-                    rest.clear();
-                } else if line.is_empty() {
-                    let mut kept = rest.len();
-                    while kept > 1 && self.width(&rest[..kept].iter().collect::<String>()) > width_px {
-                        kept -= 1;
-                    }
-                    let later = rest.split_off(kept);
-                    let _empty = lines.pop();
-                    lines.push(rest.into_iter().collect());
-                    rest = later;
-                    if !rest.is_empty() {
-                        lines.push(String::new());
-                    }
-                } else {
-                    lines.push(String::new());
+            let word: Vec<char> = word.chars().collect();
+            match lines.last_mut() {
+                Some(line) if line.chars().count() + 1 + word.len() <= most => {
+                    line.push(' ');
+                    line.extend(word);
                 }
+                _ => lines.extend(word.chunks(most).map(|part| part.iter().collect::<String>())),
             }
         }
         lines
     }
 }
 
-/// A drawing in pixels.
-pub(super) struct Canvas<'text> {
-    area: DrawingArea<SVGBackend<'text>, Shift>,
+/// What stands around every figure: the title above it and the note below.
+pub(super) struct Frame<'t> {
+    title: &'t str,
+    title_lines: Vec<String>,
+    note_lines: Vec<String>,
 }
 
-/// Draws a figure of the given size and gives its SVG. Who cannot see it hears its title.
-pub(super) fn draw_svg(
-    title: &str,
-    (width_px, height_px): (f64, f64),
-    draw: impl FnOnce(&Canvas<'_>) -> Result<()>,
-) -> Result<String> {
-    let size = (units(width_px).unsigned_abs(), units(height_px).unsigned_abs());
-    let mut text = String::new();
-    {
-        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        drawn(area.fill(&WHITE))?;
-        draw(&Canvas { area: area.clone() })?;
-        drawn(area.present())?;
+impl<'t> Frame<'t> {
+    /// With texts that are broken into lines as the figure is wide.
+    pub fn new(title: &'t str, note: &str) -> Self {
+        let inner_px = WIDTH_PX - 2.0 * RIM_PX;
+        Self {
+            title,
+            title_lines: Type::TITLE.wrap(title, inner_px),
+            note_lines: Type::NOTE.wrap(note, inner_px),
+        }
     }
-    // The view box keeps the fine units; the figure's own size is in pixels.
-    let fine = format!("<svg width=\"{}\" height=\"{}\"", size.0, size.1);
-    let coarse = format!(
-        "<svg role=\"img\" width=\"{}\" height=\"{}\"",
-        size.0 / UNITS_PER_PIXEL,
-        size.1 / UNITS_PER_PIXEL
-    );
-    // As the first element, where readers of the screen look for a drawing's name.
-    let name = html! { title { (title) } }.into_string();
-    Ok(text
-        .replacen(&fine, &coarse, 1)
-        .replacen(">\n", &format!(">\n{name}\n"), 1))
+
+    /// Where the space below the title begins, px.
+    pub fn top(&self) -> f64 {
+        RIM_PX + self.title_lines.len() as f64 * TITLE_PX * LINE_HEIGHT + 14.0
+    }
+
+    /// What the axis below the plot, its label of so many lines, and the note take, px.
+    pub fn below(&self, label_lines: usize) -> f64 {
+        40.0 + label_lines as f64 * LABEL_LINE_PX + self.note_height() + RIM_PX
+    }
+
+    fn note_height(&self) -> f64 {
+        self.note_lines.len() as f64 * NOTE_PX * LINE_HEIGHT
+    }
+
+    /// The figure of this height. Who cannot see it hears its title, which is the first element, where readers of the screen
+    /// look for a drawing's name.
+    pub fn svg(&self, height_px: f64, content: &Markup) -> String {
+        let (height, title_y) = (px(height_px), RIM_PX + TITLE_PX * LINE_HEIGHT / 2.0);
+        let note_y = height_px - RIM_PX - self.note_height() + NOTE_PX * LINE_HEIGHT / 2.0;
+        let svg = html! {
+            svg role="img" width=(WIDTH_PX) height=(height) viewBox={ "0 0 " (WIDTH_PX) " " (height) }
+                font-family="sans-serif" xmlns="http://www.w3.org/2000/svg" {
+                "\n" title { (self.title) } "\n"
+                rect width=(WIDTH_PX) height=(height) fill=(WHITE) {}
+                (texts(&self.title_lines, (RIM_PX, title_y), Type::TITLE, Anchor::Left))
+                (texts(&self.note_lines, (RIM_PX, note_y), Type::NOTE, Anchor::Left))
+                (content)
+            }
+            "\n"
+        };
+        svg.into_string()
+    }
 }
 
-fn units(pixels: f64) -> i32 {
-    // Saturating, and every figure is some thousand pixels at most.
-    (pixels * f64::from(UNITS_PER_PIXEL)).round() as i32
+/// Hundredths of a pixel are finer than any screen.
+fn px(pixels: f64) -> f64 {
+    // Saturating: what a share of an axis near the largest number cannot say lies at the rim.
+    f64::from((pixels * 100.0).round() as i32) / 100.0
 }
 
-/// Writing into a string does not fail, but the drawing library's signature says that it could.
-fn drawn<E: std::fmt::Display>(outcome: std::result::Result<(), E>) -> Result<()> {
-    outcome.map_err(|error| Error::input("figure", error, "a drawing"))
+fn joined(points: &[At]) -> String {
+    let each = points.iter().map(|&(x, y)| format!("{},{}", px(x), px(y)));
+    each.collect::<Vec<_>>().join(" ")
 }
 
-impl Canvas<'_> {
-    /// A line through points.
-    pub fn path(&self, points: &[(f64, f64)], colour: RGBColor, width_px: f64, dash: Dash) -> Result<()> {
-        let points: Vec<_> = points.iter().map(|&(x, y)| (units(x), units(y))).collect();
-        let style = ShapeStyle {
-            color: colour.to_rgba(),
-            filled: false,
-            stroke_width: units(width_px).unsigned_abs(),
-        };
-        match dash {
-            None => drawn(self.area.draw(&PathElement::new(points, style))),
-            Some((length, gap)) => {
-                let (length, gap) = (length * UNITS_PER_PIXEL, gap * UNITS_PER_PIXEL);
-                drawn(
-                    self.area
-                        .draw(&DashedPathElement::new(points, length, gap, style)),
-                )
-            }
+/// A line through points.
+pub(super) fn line(points: &[At], colour: Colour, width_px: f64, dash: Dash) -> Markup {
+    html! {
+        polyline points=(joined(points)) fill="none" stroke=(colour) stroke-width=(width_px) stroke-dasharray=[dash] {}
+        "\n"
+    }
+}
+
+/// A filled shape.
+pub(super) fn polygon(points: &[At], colour: Colour, opacity: Option<f64>) -> Markup {
+    html! { polygon points=(joined(points)) fill=(colour) fill-opacity=[opacity] {} "\n" }
+}
+
+/// A filled rectangle between two corners.
+pub(super) fn rectangle((x0, y0): At, (x1, y1): At, colour: Colour) -> Markup {
+    html! {
+        rect x=(px(x0.min(x1))) y=(px(y0.min(y1))) width=(px((x1 - x0).abs())) height=(px((y1 - y0).abs())) fill=(colour) {}
+        "\n"
+    }
+}
+
+/// A filled circle.
+pub(super) fn disc((x, y): At, radius_px: f64, colour: Colour) -> Markup {
+    html! { circle cx=(px(x)) cy=(px(y)) r=(radius_px) fill=(colour) {} "\n" }
+}
+
+/// The marker of the `look`-th series.
+pub(super) fn marker((x, y): At, look: usize, colour: Colour) -> Markup {
+    let shape = |corners: &[At]| {
+        let corners: Vec<_> = corners.iter().map(|(dx, dy)| (x + dx, y + dy)).collect();
+        polygon(&corners, colour, None)
+    };
+    match look % 6 {
+        0 => disc((x, y), 4.0, colour),
+        1 => shape(&[(-3.6, -3.6), (3.6, -3.6), (3.6, 3.6), (-3.6, 3.6)]),
+        2 => shape(&[(0.0, -5.0), (4.6, 3.4), (-4.6, 3.4)]),
+        3 => shape(&[(0.0, -5.4), (4.4, 0.0), (0.0, 5.4), (-4.4, 0.0)]),
+        4 => shape(&[(0.0, 5.0), (4.6, -3.4), (-4.6, -3.4)]),
+        _ => html! { (disc((x, y), 4.4, colour)) (disc((x, y), 2.2, WHITE)) },
+    }
+}
+
+/// A line of text, centred on its point vertically.
+pub(super) fn text(text: &str, (x, y): At, face: Type, anchor: Anchor) -> Markup {
+    let anchor = match anchor {
+        Anchor::Left => None,
+        Anchor::Middle => Some("middle"),
+        Anchor::Right => Some("end"),
+    };
+    let weight = face.bold.then_some("bold");
+    let y = px(y + HALF_LETTER * face.size_px);
+    html! {
+        text x=(px(x)) y=(y) text-anchor=[anchor] font-size=(face.size_px) font-weight=[weight] fill=(face.colour) { (text) }
+        "\n"
+    }
+}
+
+/// Lines of text, the first centred on the point vertically.
+pub(super) fn texts(lines: &[String], (x, y): At, face: Type, anchor: Anchor) -> Markup {
+    html! {
+        @for (index, line) in lines.iter().enumerate() {
+            (text(line, (x, y + index as f64 * LINE_HEIGHT * face.size_px), face, anchor))
         }
-    }
-
-    /// A filled shape.
-    pub fn polygon(&self, points: &[(f64, f64)], colour: RGBColor, opacity: f64) -> Result<()> {
-        let points: Vec<_> = points.iter().map(|&(x, y)| (units(x), units(y))).collect();
-        drawn(self.area.draw(&Polygon::new(points, colour.mix(opacity))))
-    }
-
-    /// A filled rectangle between two corners.
-    pub fn rectangle(&self, (x0, y0): (f64, f64), (x1, y1): (f64, f64), colour: RGBColor) -> Result<()> {
-        let corners = [
-            (units(x0.min(x1)), units(y0.min(y1))),
-            (units(x0.max(x1)), units(y0.max(y1))),
-        ];
-        drawn(self.area.draw(&Rectangle::new(corners, colour.filled())))
-    }
-
-    /// The marker of the `look`-th series.
-    pub fn marker(&self, (x, y): (f64, f64), look: usize, colour: RGBColor) -> Result<()> {
-        let shape = |corners: &[(f64, f64)]| {
-            let corners: Vec<_> = corners.iter().map(|(dx, dy)| (x + dx, y + dy)).collect();
-            self.polygon(&corners, colour, 1.0)
-        };
-        match look % 6 {
-            0 => self.disc((x, y), 4.0, colour),
-            1 => shape(&[(-3.6, -3.6), (3.6, -3.6), (3.6, 3.6), (-3.6, 3.6)]),
-            2 => shape(&[(0.0, -5.0), (4.6, 3.4), (-4.6, 3.4)]),
-            3 => shape(&[(0.0, -5.4), (4.4, 0.0), (0.0, 5.4), (-4.4, 0.0)]),
-            4 => shape(&[(0.0, 5.0), (4.6, -3.4), (-4.6, -3.4)]),
-            _ => {
-                self.disc((x, y), 4.4, colour)?;
-                self.disc((x, y), 2.2, WHITE)
-            }
-        }
-    }
-
-    /// A filled circle.
-    pub fn disc(&self, (x, y): (f64, f64), radius_px: f64, colour: RGBColor) -> Result<()> {
-        let radius = units(radius_px).unsigned_abs();
-        drawn(
-            self.area
-                .draw(&Circle::new((units(x), units(y)), radius, colour.filled())),
-        )
-    }
-
-    /// A line of text, centred on its point vertically.
-    pub fn text(&self, text: &str, (x, y): (f64, f64), face: Type, anchor: Anchor) -> Result<()> {
-        self.turned_text(text, (x, y), face, anchor, FontTransform::None)
-    }
-
-    /// Lines of text, the first centred on the point vertically.
-    pub fn lines(&self, lines: &[String], (x, y): (f64, f64), face: Type, anchor: Anchor) -> Result<()> {
-        for (index, line) in lines.iter().enumerate() {
-            let below = index as f64 * LINE_HEIGHT * face.size_px;
-            self.text(line, (x, y + below), face, anchor)?;
-        }
-        Ok(())
-    }
-
-    fn turned_text(
-        &self,
-        text: &str,
-        (x, y): (f64, f64),
-        face: Type,
-        anchor: Anchor,
-        turn: FontTransform,
-    ) -> Result<()> {
-        let style = if face.bold {
-            FontStyle::Bold
-        } else {
-            FontStyle::Normal
-        };
-        let size = face.size_px * BACKEND_FONT_DIVISOR * f64::from(UNITS_PER_PIXEL);
-        let horizontal = match anchor {
-            Anchor::Left => HPos::Left,
-            Anchor::Middle => HPos::Center,
-            Anchor::Right => HPos::Right,
-        };
-        let style = TextStyle::from(("sans-serif", size).into_font().style(style).transform(turn))
-            .color(&face.colour)
-            .pos(Pos::new(horizontal, VPos::Center));
-        drawn(self.area.draw_text(text, &style, (units(x), units(y))))
-    }
-
-    /// Title lines at the top and note lines at the bottom.
-    pub fn title_and_note(&self, title: &[String], note: &[String], height_px: f64) -> Result<()> {
-        let title_y = RIM_PX + TITLE_PX * LINE_HEIGHT / 2.0;
-        self.lines(title, (RIM_PX, title_y), Type::TITLE, Anchor::Left)?;
-        let note_y = height_px - RIM_PX - (note.len() as f64 - 0.5) * NOTE_PX * LINE_HEIGHT;
-        self.lines(note, (RIM_PX, note_y), Type::NOTE, Anchor::Left)
-    }
-
-    /// The horizontal axis: grid, ticks, numbers and label below the plot.
-    pub fn horizontal_axis(&self, plot: &Plot, ticks: &Ticks, label: &[String]) -> Result<()> {
-        for tick in &ticks.ticks {
-            let x = plot.x(ticks.share(tick.value));
-            self.path(&[(x, plot.top), (x, plot.bottom)], FAINT, 1.0, None)?;
-            if let Some(number) = &tick.label {
-                self.path(&[(x, plot.bottom), (x, plot.bottom + 5.0)], INK, 1.0, None)?;
-                self.text(number, (x, plot.bottom + 16.0), Type::LABEL, Anchor::Middle)?;
-            }
-        }
-        self.path(
-            &[(plot.left, plot.bottom), (plot.right, plot.bottom)],
-            INK,
-            1.25,
-            None,
-        )?;
-        let middle = (plot.left + plot.right) / 2.0;
-        self.lines(label, (middle, plot.bottom + 40.0), Type::LABEL, Anchor::Middle)
-    }
-
-    /// The vertical axis: grid, ticks, numbers, and the label turned along it, its last line `label_x` from the left.
-    pub fn vertical_axis(&self, plot: &Plot, ticks: &Ticks, label: &[String], label_x: f64) -> Result<()> {
-        for tick in &ticks.ticks {
-            let y = plot.y(ticks.share(tick.value));
-            self.path(&[(plot.left, y), (plot.right, y)], FAINT, 1.0, None)?;
-            if let Some(number) = &tick.label {
-                self.path(&[(plot.left - 5.0, y), (plot.left, y)], INK, 1.0, None)?;
-                self.text(number, (plot.left - 9.0, y), Type::LABEL, Anchor::Right)?;
-            }
-        }
-        self.path(
-            &[(plot.left, plot.top), (plot.left, plot.bottom)],
-            INK,
-            1.25,
-            None,
-        )?;
-        let middle = (plot.top + plot.bottom) / 2.0;
-        for (index, line) in label.iter().enumerate() {
-            let x = label_x - (label.len() - 1 - index) as f64 * LINE_HEIGHT * LABEL_PX;
-            self.turned_text(
-                line,
-                (x, middle),
-                Type::LABEL,
-                Anchor::Middle,
-                FontTransform::Rotate270,
-            )?;
-        }
-        Ok(())
     }
 }

@@ -2,11 +2,12 @@
 
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, Canvas, DASHES, Dash, GREY, HEIGHT_PX, LABEL_PX, LINE_HEIGHT, NOTE_PX, PALETTE, Plot, RIM_PX,
-    TITLE_PX, Type, WIDTH_PX, draw_svg,
+    Anchor, At, Colour, DASHES, Dash, Frame, GREY, HEIGHT_PX, LABEL_LINE_PX, PALETTE, Plot, RIM_PX, Type,
+    WIDTH_PX, line, marker, polygon, texts,
 };
-use super::{Axis, Reference};
-use kit::error::{Error, Result};
+use super::{Axis, Reference, nothing_to_draw};
+use kit::error::Result;
+use maud::{Markup, html};
 
 /// Markers that a long series carries; a short one has one at every point.
 const MARKERS: usize = 12;
@@ -21,7 +22,7 @@ const SAMPLE_PX: f64 = 36.0;
 const LEGEND_TEXT_PX: f64 = 180.0;
 
 /// Dash of the reference lines.
-const REFERENCE_DASH: Dash = Some((2, 2));
+const REFERENCE_DASH: Dash = Some("2 2");
 
 /// A point of a series.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +33,13 @@ pub struct Point {
     pub y: f64,
     /// Lower and upper end of the interval around `y`, usually of 95 % confidence.
     pub band: Option<(f64, f64)>,
+}
+
+impl From<(f64, f64)> for Point {
+    /// Without an interval.
+    fn from((x, y): (f64, f64)) -> Self {
+        Self { x, y, band: None }
+    }
 }
 
 /// A named line.
@@ -64,93 +72,73 @@ impl LineChart {
     /// The figure as SVG text.
     ///
     /// # Errors
-    /// [`Error::Input`] names the figure when it has no point, a number is not finite, or a number on a logarithmic
-    /// axis is not above zero.
+    /// [`Error::Input`](kit::error::Error::Input) names the figure when it has no point, a number is not finite, or a number on
+    /// a logarithmic axis is not above zero.
     pub fn to_svg(&self) -> Result<String> {
         let points = || self.series.iter().flat_map(|series| &series.points);
-        if points().next().is_none() {
-            let place = format!("figure '{}'", self.title);
-            return Err(Error::input(place, "no point", "at least one"));
+        let across: Vec<f64> = points().map(|point| point.x).collect();
+        if across.is_empty() {
+            return Err(nothing_to_draw(&self.title, "point"));
         }
-        let heights = || {
-            let of_points = points().flat_map(|point| {
-                let band = point.band.into_iter().flat_map(|(lower, upper)| [lower, upper]);
-                std::iter::once(point.y).chain(band)
-            });
-            of_points.chain(self.references.iter().map(|reference| reference.value))
-        };
-        for point in points() {
-            self.horizontal.check(&self.title, point.x)?;
-        }
-        for height in heights() {
-            self.vertical.check(&self.title, height)?;
-        }
-        let horizontal = Ticks::tight(self.horizontal.scale, points().map(|point| point.x));
-        let vertical = Ticks::around(self.vertical.scale, heights());
+        let of_points = points().flat_map(|point| {
+            let band = point.band.into_iter().flat_map(|(lower, upper)| [lower, upper]);
+            std::iter::once(point.y).chain(band)
+        });
+        let references = self.references.iter().map(|reference| reference.value);
+        let heights: Vec<f64> = of_points.chain(references).collect();
+        self.horizontal.check(&self.title, &across)?;
+        self.vertical.check(&self.title, &heights)?;
+        let horizontal = Ticks::tight(self.horizontal.scale, across);
+        let vertical = Ticks::around(self.vertical.scale, heights);
 
+        let frame = Frame::new(&self.title, &self.note);
         let legend = self.legend();
         let legend_height: f64 = legend.iter().map(Entry::height).sum();
-        let legend_width = legend.iter().map(Entry::width).fold(0.0, f64::max);
-        let title = Type::TITLE.wrap(&self.title, WIDTH_PX - 2.0 * RIM_PX);
-        let note = if self.note.is_empty() {
-            Vec::new()
-        } else {
-            Type::NOTE.wrap(&self.note, WIDTH_PX - 2.0 * RIM_PX)
-        };
-        let top = RIM_PX + title.len() as f64 * TITLE_PX * LINE_HEIGHT + 14.0;
-        let note_height = note.len() as f64 * NOTE_PX * LINE_HEIGHT;
-        let right = WIDTH_PX - RIM_PX - legend_width - 20.0;
+        let legend_width = Type::LABEL.widest(legend.iter().flat_map(|entry| &entry.lines));
+        let right = WIDTH_PX - RIM_PX - SAMPLE_PX - 8.0 - legend_width - 20.0;
         let left_without_label = RIM_PX + Type::LABEL.width(vertical.longest_label()) + 26.0;
         let x_label = Type::LABEL.wrap(&self.horizontal.label, right - left_without_label);
-        let below = 40.0 + x_label.len() as f64 * LABEL_PX * LINE_HEIGHT + note_height + RIM_PX;
+        let (top, below) = (frame.top(), frame.below(x_label.len()));
         let height = HEIGHT_PX.max(top + legend_height + below);
         let bottom = height - below;
         let y_label = Type::LABEL.wrap(&self.vertical.label, bottom - top);
-        let y_label_width = y_label.len() as f64 * LABEL_PX * LINE_HEIGHT;
         let plot = Plot {
-            left: left_without_label + y_label_width,
+            left: left_without_label + y_label.len() as f64 * LABEL_LINE_PX,
             top,
             right,
             bottom,
         };
-        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
-            canvas.title_and_note(&title, &note, height)?;
-            canvas.horizontal_axis(&plot, &horizontal, &x_label)?;
-            canvas.vertical_axis(
-                &plot,
-                &vertical,
-                &y_label,
-                RIM_PX + y_label_width - LABEL_PX / 2.0,
-            )?;
-            let pixel = |x: f64, y: f64| (plot.x(horizontal.share(x)), plot.y(vertical.share(y)));
-            for (look, series) in self.series.iter().enumerate() {
-                draw_bands(canvas, look, &series.points, &pixel)?;
+        let pixel = |x: f64, y: f64| (plot.x(horizontal.share(x)), plot.y(vertical.share(y)));
+        let content = html! {
+            (plot.horizontal_axis(&horizontal, &x_label))
+            (plot.vertical_axis(&vertical, &y_label))
+            @for (look, series) in self.series.iter().enumerate() {
+                (series.bands(look, &pixel))
             }
-            for reference in &self.references {
-                let y = plot.y(vertical.share(reference.value));
-                canvas.path(&[(plot.left, y), (plot.right, y)], GREY, 1.75, REFERENCE_DASH)?;
+            @for reference in &self.references {
+                @let y = plot.y(vertical.share(reference.value));
+                (line(&[(plot.left, y), (plot.right, y)], GREY, 1.75, REFERENCE_DASH))
             }
-            for (look, series) in self.series.iter().enumerate() {
-                draw_line(canvas, look, &series.points, &pixel)?;
+            @for (look, series) in self.series.iter().enumerate() {
+                (series.line(look, &pixel))
             }
-            let mut y = plot.top;
-            for entry in &legend {
-                entry.draw(canvas, (plot.right + 20.0, y))?;
-                y += entry.height();
+            @for (index, entry) in legend.iter().enumerate() {
+                @let above: f64 = legend[..index].iter().map(Entry::height).sum();
+                (entry.draw((plot.right + 20.0, plot.top + above)))
             }
-            Ok(())
-        })
+        };
+        Ok(frame.svg(height, &content))
     }
 
     fn legend(&self) -> Vec<Entry> {
         let series = self.series.iter().enumerate();
-        let references = self.references.iter();
-        let lines = |name: &str| Type::LABEL.wrap(name, LEGEND_TEXT_PX);
-        series
-            .map(|(look, series)| (Some(look), lines(&series.name)))
-            .chain(references.map(|reference| (None, lines(&reference.name))))
-            .map(|(look, lines)| Entry { look, lines })
-            .collect()
+        let series = series.map(|(look, series)| (Some(look), &series.name));
+        let references = self.references.iter().map(|reference| (None, &reference.name));
+        let entry = |(look, name): (_, &String)| Entry {
+            look,
+            lines: Type::LABEL.wrap(name, LEGEND_TEXT_PX),
+        };
+        series.chain(references).map(entry).collect()
     }
 }
 
@@ -161,74 +149,69 @@ struct Entry {
 }
 
 impl Entry {
-    fn width(&self) -> f64 {
-        let widths = self.lines.iter().map(|line| Type::LABEL.width(line));
-        SAMPLE_PX + 8.0 + widths.fold(0.0, f64::max)
-    }
-
     fn height(&self) -> f64 {
-        self.lines.len() as f64 * LABEL_PX * LINE_HEIGHT + 6.0
+        self.lines.len() as f64 * LABEL_LINE_PX + 6.0
     }
 
-    fn draw(&self, canvas: &Canvas<'_>, (x, top): (f64, f64)) -> Result<()> {
-        let y = top + LABEL_PX * LINE_HEIGHT / 2.0;
+    fn draw(&self, (x, top): At) -> Markup {
+        let y = top + LABEL_LINE_PX / 2.0;
         let ends = [(x, y), (x + SAMPLE_PX, y)];
-        match self.look {
-            Some(look) => {
-                let colour = PALETTE[look % PALETTE.len()];
-                canvas.path(&ends, colour, 2.0, DASHES[look % DASHES.len()])?;
-                canvas.marker((x + SAMPLE_PX / 2.0, y), look, colour)?;
+        html! {
+            @if let Some(look) = self.look {
+                (line(&ends, colour(look), 2.0, DASHES[look % DASHES.len()]))
+                (marker((x + SAMPLE_PX / 2.0, y), look, colour(look)))
+            } @else {
+                (line(&ends, GREY, 1.75, REFERENCE_DASH))
             }
-            None => canvas.path(&ends, GREY, 1.75, REFERENCE_DASH)?,
+            (texts(&self.lines, (x + SAMPLE_PX + 8.0, y), Type::LABEL, Anchor::Left))
         }
-        canvas.lines(&self.lines, (x + SAMPLE_PX + 8.0, y), Type::LABEL, Anchor::Left)
     }
 }
 
-/// One filled shape for every run of points that have a band.
-fn draw_bands(
-    canvas: &Canvas<'_>,
-    look: usize,
-    points: &[Point],
-    pixel: &impl Fn(f64, f64) -> (f64, f64),
-) -> Result<()> {
-    for run in points.split(|point| point.band.is_none()) {
-        let edge = |point: &Point, upper: bool| {
-            let band = point.band.unwrap_or((point.y, point.y));
-            pixel(point.x, if upper { band.1 } else { band.0 })
+/// The colour of the `look`-th series.
+fn colour(look: usize) -> Colour {
+    PALETTE[look % PALETTE.len()]
+}
+
+impl Series {
+    /// One filled shape for every run of points that have a band.
+    fn bands(&self, look: usize, pixel: &impl Fn(f64, f64) -> At) -> Markup {
+        let outline = |run: &[Point]| -> Vec<At> {
+            let edge = |point: &Point, upper: bool| {
+                let band = point.band.unwrap_or((point.y, point.y));
+                pixel(point.x, if upper { band.1 } else { band.0 })
+            };
+            let there = run.iter().map(|point| edge(point, true));
+            let back = run.iter().rev().map(|point| edge(point, false));
+            there.chain(back).collect()
         };
-        let there = run.iter().map(|point| edge(point, true));
-        let back = run.iter().rev().map(|point| edge(point, false));
-        let outline: Vec<_> = there.chain(back).collect();
-        if run.len() > 1 {
-            canvas.polygon(&outline, PALETTE[look % PALETTE.len()], 0.18)?;
-        } else if let [upper, lower] = outline.as_slice() {
-            canvas.path(&[*upper, *lower], PALETTE[look % PALETTE.len()], 1.5, None)?;
+        html! {
+            @for run in self.points.split(|point| point.band.is_none()) {
+                @match run.len() {
+                    0 => {}
+                    1 => { (line(&outline(run), colour(look), 1.5, None)) }
+                    _ => { (polygon(&outline(run), colour(look), Some(0.18))) }
+                }
+            }
         }
     }
-    Ok(())
-}
 
-fn draw_line(
-    canvas: &Canvas<'_>,
-    look: usize,
-    points: &[Point],
-    pixel: &impl Fn(f64, f64) -> (f64, f64),
-) -> Result<()> {
-    let colour = PALETTE[look % PALETTE.len()];
-    let pixels: Vec<_> = points.iter().map(|point| pixel(point.x, point.y)).collect();
-    if pixels.len() > 1 {
-        canvas.path(&pixels, colour, 2.0, DASHES[look % DASHES.len()])?;
+    fn line(&self, look: usize, pixel: &impl Fn(f64, f64) -> At) -> Markup {
+        let pixels: Vec<At> = self.points.iter().map(|point| pixel(point.x, point.y)).collect();
+        let (every, first) = if pixels.len() <= ALL_MARKED {
+            (1, 0)
+        } else {
+            // Every series begins a little later, so that markers on lines that coincide do not hide one another.
+            let every = pixels.len().div_ceil(MARKERS);
+            (every, look * every / 4 % every)
+        };
+        html! {
+            @if pixels.len() > 1 {
+                (line(&pixels, colour(look), 2.0, DASHES[look % DASHES.len()]))
+            }
+            @for point in pixels.iter().skip(first).step_by(every) {
+                (marker(*point, look, colour(look)))
+            }
+        }
     }
-    let (every, first) = if pixels.len() <= ALL_MARKED {
-        (1, 0)
-    } else {
-        // Every series begins a little later, so that markers on lines that coincide do not hide one another.
-        let every = pixels.len().div_ceil(MARKERS);
-        (every, look * every / 4 % every)
-    };
-    for point in pixels.iter().skip(first).step_by(every) {
-        canvas.marker(*point, look, colour)?;
-    }
-    Ok(())
 }

@@ -55,19 +55,26 @@ impl Axis {
         }
     }
 
-    /// Refuses a value that this axis cannot show.
-    fn check(&self, chart_title: &str, value: f64) -> Result<()> {
-        let (shown, expected) = match self.scale {
-            Scale::Linear => (value.is_finite(), "a finite number"),
-            Scale::Logarithmic => (value.is_finite() && value > 0.0, "a finite number above 0"),
+    /// Refuses values that this axis cannot show.
+    fn check(&self, chart_title: &str, values: &[f64]) -> Result<()> {
+        let expected = match self.scale {
+            Scale::Linear => "a finite number",
+            Scale::Logarithmic => "a finite number above 0",
         };
-        if shown {
-            Ok(())
-        } else {
-            let place = format!("figure '{chart_title}', axis '{}'", self.label);
-            Err(Error::input(place, value, expected))
+        let shown = |value: f64| value.is_finite() && (self.scale == Scale::Linear || value > 0.0);
+        match values.iter().find(|value| !shown(**value)) {
+            None => Ok(()),
+            Some(value) => {
+                let place = format!("figure '{chart_title}', axis '{}'", self.label);
+                Err(Error::input(place, value, expected))
+            }
         }
     }
+}
+
+/// A figure without any of what it is made of.
+fn nothing_to_draw(title: &str, what: &str) -> Error {
+    Error::input(format!("figure '{title}'"), format!("no {what}"), "at least one")
 }
 
 /// A line at a fixed value, such as a bound that no policy can beat.

@@ -1,13 +1,12 @@
 //! Who used the sub-channels: one row a sub-channel, one square a slot.
 
-use super::Axis;
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, Canvas, FAINT, LABEL_PX, LINE_HEIGHT, NOTE_PX, PALETTE, Plot, RIM_PX, TITLE_PX, Type, WIDTH_PX,
-    draw_svg,
+    Anchor, Colour, FAINT, Frame, LABEL_LINE_PX, PALETTE, Plot, RIM_PX, Type, WIDTH_PX, line, rectangle, text,
 };
-use kit::error::{Error, Result};
-use plotters::style::RGBColor;
+use super::{Scale, nothing_to_draw};
+use kit::error::Result;
+use maud::{Markup, html};
 
 /// Height of a sub-channel's row, and between two groups of rows, px.
 const ROW_PX: f64 = 13.0;
@@ -16,6 +15,9 @@ const GROUP_GAP_PX: f64 = 10.0;
 /// Length of a legend's sample, and between two entries, px.
 const SAMPLE_PX: f64 = 13.0;
 const ENTRY_GAP_PX: f64 = 22.0;
+
+/// A kind with its name, its colour, and its share of the row's height, so that kinds differ without colour too.
+type Drawn = (SlotUse, &'static str, Colour, f64);
 
 /// What became of a sub-channel in a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,8 +46,8 @@ impl SlotUse {
         }
     }
 
-    /// The kinds that are drawn: name, colour, and share of the row's height, so that they differ without colour too.
-    const DRAWN: [(Self, &'static str, RGBColor, f64); 4] = [
+    /// The kinds that are drawn.
+    const DRAWN: [Drawn; 4] = [
         (Self::Received, "received", PALETTE[0], 1.0),
         (
             Self::Captured,
@@ -84,115 +86,74 @@ impl OccupancyChart {
     /// The figure as SVG text.
     ///
     /// # Errors
-    /// [`Error::Input`] names the figure when it has no slot.
+    /// [`Error::Input`](kit::error::Error::Input) names the figure when it has no slot.
     pub fn to_svg(&self) -> Result<String> {
-        let slots = self
-            .groups
-            .iter()
-            .flat_map(|group| &group.rows)
-            .map(Vec::len)
-            .max();
-        let Some(slots) = slots.filter(|&slots| slots > 0) else {
-            return Err(Error::input(
-                format!("figure '{}'", self.title),
-                "no slot",
-                "at least one",
-            ));
-        };
-        let inner = WIDTH_PX - 2.0 * RIM_PX;
-        let (title, note) = (
-            Type::TITLE.wrap(&self.title, inner),
-            Type::NOTE.wrap(&self.note, inner),
-        );
-        let names = self.groups.iter().map(|group| Type::LABEL.width(&group.name));
-        let legend = self.legend();
+        let rows = self.groups.iter().flat_map(|group| &group.rows);
+        let slots = rows.map(Vec::len).max().unwrap_or(0);
+        if slots == 0 {
+            return Err(nothing_to_draw(&self.title, "slot"));
+        }
+        let frame = Frame::new(&self.title, &self.note);
+        let legend = legend();
         let legend_lines = legend.last().map_or(0.0, |(_, line, _)| line + 1.0);
-        let top = RIM_PX
-            + title.len() as f64 * TITLE_PX * LINE_HEIGHT
-            + 14.0
-            + legend_lines * LABEL_PX * LINE_HEIGHT
-            + 8.0;
-        let rows: f64 = self.groups.iter().map(group_height).sum();
-        let label = [Axis::linear("slot (ms)").label];
-        let height =
-            top + rows + 40.0 + LABEL_PX * LINE_HEIGHT + note.len() as f64 * NOTE_PX * LINE_HEIGHT + RIM_PX;
+        let top = frame.top() + legend_lines * LABEL_LINE_PX + 8.0;
+        let heights = || {
+            self.groups
+                .iter()
+                .map(|group| group.rows.len() as f64 * ROW_PX + GROUP_GAP_PX)
+        };
         let plot = Plot {
-            left: RIM_PX + names.fold(0.0, f64::max) + 14.0,
+            left: RIM_PX + Type::LABEL.widest(self.groups.iter().map(|group| &group.name)) + 14.0,
             top,
             right: WIDTH_PX - RIM_PX,
-            bottom: top + rows,
+            bottom: top + heights().sum::<f64>(),
         };
         let first = f64::from(self.first_slot);
-        let ticks = Ticks::tight(super::Scale::Linear, [first, first + slots as f64]);
-        draw_svg(&self.title, (WIDTH_PX, height), |canvas| {
-            canvas.title_and_note(&title, &note, height)?;
-            for (x, line, kind) in &legend {
-                let (_, name, colour, share) = SlotUse::DRAWN[*kind];
-                let y = top - 8.0 - (legend_lines - line - 0.5) * LABEL_PX * LINE_HEIGHT;
-                let half = share * SAMPLE_PX / 2.0;
-                canvas.rectangle((*x, y - half), (x + SAMPLE_PX, y + half), colour)?;
-                canvas.text(name, (x + SAMPLE_PX + 7.0, y), Type::LABEL, Anchor::Left)?;
+        let ticks = Ticks::tight(Scale::Linear, [first, first + slots as f64]);
+        let content = html! {
+            @for (x, line, (_, name, colour, share)) in &legend {
+                @let y = top - 8.0 - (legend_lines - line - 0.5) * LABEL_LINE_PX;
+                @let half = share * SAMPLE_PX / 2.0;
+                (rectangle((*x, y - half), (x + SAMPLE_PX, y + half), *colour))
+                (text(name, (x + SAMPLE_PX + 7.0, y), Type::LABEL, Anchor::Left))
             }
-            canvas.horizontal_axis(&plot, &ticks, &label)?;
-            let mut y = plot.top;
-            for group in &self.groups {
-                let middle = y + group.rows.len() as f64 * ROW_PX / 2.0;
-                canvas.text(
-                    &group.name,
-                    (plot.left - 10.0, middle),
-                    Type::LABEL,
-                    Anchor::Right,
-                )?;
-                for row in &group.rows {
-                    self.draw_row(canvas, &plot, &ticks, (row, y))?;
-                    y += ROW_PX;
+            (plot.horizontal_axis(&ticks, &["slot (ms)".to_owned()]))
+            @for (index, group) in self.groups.iter().enumerate() {
+                @let above = plot.top + heights().take(index).sum::<f64>();
+                @let middle = above + group.rows.len() as f64 * ROW_PX / 2.0;
+                (text(&group.name, (plot.left - 10.0, middle), Type::LABEL, Anchor::Right))
+                @for (row, uses) in group.rows.iter().enumerate() {
+                    (self.draw_row(&plot, &ticks, uses, above + (row as f64 + 1.0) * ROW_PX - 1.0))
                 }
-                y += GROUP_GAP_PX;
             }
-            Ok(())
-        })
+        };
+        Ok(frame.svg(plot.bottom + frame.below(1), &content))
     }
 
-    fn draw_row(
-        &self,
-        canvas: &Canvas<'_>,
-        plot: &Plot,
-        ticks: &Ticks,
-        (row, y): (&[SlotUse], f64),
-    ) -> Result<()> {
-        let floor = y + ROW_PX - 1.0;
-        canvas.path(&[(plot.left, floor), (plot.right, floor)], FAINT, 1.0, None)?;
-        for (index, slot_use) in row.iter().enumerate() {
-            let drawn = SlotUse::DRAWN.iter().find(|(kind, ..)| kind == slot_use);
-            if let Some((_, _, colour, share)) = drawn {
-                let slot = f64::from(self.first_slot) + index as f64;
-                let (left, right) = (plot.x(ticks.share(slot)), plot.x(ticks.share(slot + 1.0)));
-                canvas.rectangle(
-                    (left, floor - share * (ROW_PX - 2.0)),
-                    (right - 0.5, floor),
-                    *colour,
-                )?;
+    fn draw_row(&self, plot: &Plot, ticks: &Ticks, uses: &[SlotUse], floor: f64) -> Markup {
+        let x = |index: usize| plot.x(ticks.share(f64::from(self.first_slot) + index as f64));
+        html! {
+            (line(&[(plot.left, floor), (plot.right, floor)], FAINT, 1.0, None))
+            @for (index, slot_use) in uses.iter().enumerate() {
+                @if let Some((_, _, colour, share)) = SlotUse::DRAWN.iter().find(|(kind, ..)| kind == slot_use) {
+                    (rectangle((x(index), floor - share * (ROW_PX - 2.0)), (x(index + 1) - 0.5, floor), *colour))
+                }
             }
         }
-        Ok(())
-    }
-
-    /// Where each kind's entry stands: from the left in px, in which line, and which kind.
-    fn legend(&self) -> Vec<(f64, f64, usize)> {
-        let (mut x, mut line) = (RIM_PX, 0.0);
-        let mut entries = Vec::new();
-        for (kind, (_, name, ..)) in SlotUse::DRAWN.iter().enumerate() {
-            let width = SAMPLE_PX + 7.0 + Type::LABEL.width(name);
-            if x > RIM_PX && x + width > WIDTH_PX - RIM_PX {
-                (x, line) = (RIM_PX, line + 1.0);
-            }
-            entries.push((x, line, kind));
-            x += width + ENTRY_GAP_PX;
-        }
-        entries
     }
 }
 
-fn group_height(group: &OccupancyGroup) -> f64 {
-    group.rows.len() as f64 * ROW_PX + GROUP_GAP_PX
+/// Where each kind's entry stands, from the left in px and in which line.
+fn legend() -> Vec<(f64, f64, Drawn)> {
+    let (mut x, mut line) = (RIM_PX, 0.0);
+    let place = |kind: Drawn| {
+        let width = SAMPLE_PX + 7.0 + Type::LABEL.width(kind.1);
+        if x > RIM_PX && x + width > WIDTH_PX - RIM_PX {
+            (x, line) = (RIM_PX, line + 1.0);
+        }
+        let entry = (x, line, kind);
+        x += width + ENTRY_GAP_PX;
+        entry
+    };
+    SlotUse::DRAWN.map(place).into()
 }
