@@ -1,31 +1,21 @@
 //! Tables and figures: aligned, escaped, complete, and the same bytes every time.
 
-use host_sim::report::cell::Cell;
 use host_sim::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
-use host_sim::report::csv::Csv;
-use host_sim::report::text_table::{Column, TextTable};
+use host_sim::report::table::{Column, Table};
 use kit::files::write_whole;
 use quick_xml::events::Event;
 use std::path::Path;
 
 #[test]
 fn a_text_table_is_aligned() {
-    let mut table = TextTable::new(
-        "Age of information",
-        [
-            Column::text("policy"),
-            Column::number("mean age", "ms", 2),
-            Column::number("± 95 %", "ms", 2),
-            Column::number("worlds", "", 0),
-        ],
-    );
-    table.row(["always".into(), 70.0.into(), 0.5.into(), 256_u32.into()]);
-    table.row([
-        "clock, the longest name".into(),
-        3.8649.into(),
-        Cell::Missing,
-        256_u64.into(),
-    ]);
+    let mut table = Table::new(vec![
+        Column::text("policy", ["always", "clock, the longest name"].map(str::to_owned)),
+        Column::number("mean_age_ms", [70.0, 3.8649]).shown("mean age", "ms", 2),
+        Column::number("ci95_ms", [Some(0.5), None]).shown("± 95 %", "ms", 2),
+        Column::unsigned("worlds", [256, 256]).shown("worlds", "", 0),
+    ])
+    .unwrap()
+    .titled("Age of information");
     table.note("2,000 slots per world.");
     let expected = "\
 Age of information
@@ -37,18 +27,24 @@ clock, the longest name      3.86       -     256
 2,000 slots per world.
 ";
     assert_eq!(table.to_string(), expected);
-    let bare = TextTable::new("", [Column::text("name"), Column::number("links", "", 0)]);
+    let none: [Option<u64>; 0] = [];
+    let columns = vec![
+        Column::text("name", Vec::<String>::new()),
+        Column::unsigned("links", none),
+    ];
+    let bare = Table::new(columns).unwrap();
     assert_eq!(bare.to_string(), "name  links\n----  -----\n");
 }
 
 #[test]
 fn csv_is_escaped_and_exact() {
-    let mut table = Csv::new(["policy", "mean_age_ms", "slots"]);
-    table.row(["clock".into(), 0.1.into(), 2_000_usize.into()]);
-    table.row(["a \"b\", c".into(), (1.0 / 3.0).into(), None::<u64>.into()]);
-    table.row(["two\nlines".into(), 1e21.into(), 0_u32.into()]);
-    table.row([" rim ".into(), f64::NAN.into(), Some(1_u32).into()]);
-    let text = table.into_text();
+    let names = ["clock", "a \"b\", c", "two\nlines", " rim "];
+    let table = Table::new(vec![
+        Column::text("policy", names.map(str::to_owned)),
+        Column::number("mean_age_ms", [0.1, 1.0 / 3.0, 1e21, f64::NAN]),
+        Column::unsigned("slots", [Some(2_000), None, Some(0), Some(1)]),
+    ]);
+    let text = table.unwrap().to_csv();
     assert_eq!(
         text,
         "policy,mean_age_ms,slots\nclock,0.1,2000\n\"a \"\"b\"\", c\",0.3333333333333333,\n\
@@ -292,10 +288,17 @@ fn nothing_is_drawn_outside_the_figure() {
             .unwrap();
         let (width, height) = view.split_once(' ').unwrap();
         let (width, height): (f64, f64) = (width.parse().unwrap(), height.parse().unwrap());
-        for (names, limit) in [
-            (["x", "x1", "x2", "cx"], width),
-            (["y", "y1", "y2", "cy"], height),
-        ] {
+        for points in svg.split(" points=\"").skip(1) {
+            for point in points.split('"').next().unwrap().split(' ') {
+                let (x, y) = point.split_once(',').unwrap();
+                let (x, y): (f64, f64) = (x.parse().unwrap(), y.parse().unwrap());
+                assert!(
+                    (0.0..=width).contains(&x) && (0.0..=height).contains(&y),
+                    "{name}: {point}"
+                );
+            }
+        }
+        for (names, limit) in [(["x", "cx"], width), (["y", "cy"], height)] {
             for attribute in names {
                 for number in attribute_numbers(&svg, attribute) {
                     assert!((0.0..=limit).contains(&number), "{name}: {attribute}={number}");

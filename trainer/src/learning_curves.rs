@@ -41,7 +41,7 @@ pub fn learning_curves(plan: &Plan, runs: &[StudyRun]) -> Result<String> {
             });
         }
     }
-    Ok(curves_csv(&points))
+    curves_csv(&points)
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -6,7 +6,7 @@ use crate::environment::Environment;
 use crate::lanes::LANES;
 use crate::mobility::Grid;
 use crate::policy::{Decider, Scheduler, Setup, actor};
-use crate::report::text_table::{Column, TextTable};
+use crate::report::table::{Column, Table};
 use crate::scenario::Scenario;
 use crate::simulation::run_slot;
 use crate::stream::Purpose;
@@ -193,28 +193,26 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         "{vehicles} vehicles on {sub_channels} sub-channels, {worlds} worlds x {slots} slots, {} threads",
         arguments.threads
     );
-    let columns = [
-        Column::text("loop"),
-        Column::number("speed", "slots/s", 0),
-        Column::number("on the processor", "slots/s", 0),
-        Column::number("vehicle and sub-channel", "ns", 2),
-    ];
-    let mut rows = TextTable::new(&title, columns);
-    for (name, speed) in [
-        ("environment", Some(&environment)),
-        ("with the actor", actor.as_ref()),
-    ] {
-        let own = speed.and_then(|speed| speed.slots_per_processor_second);
-        rows.row([
-            name.into(),
-            speed.map(|speed| speed.slots_per_second).into(),
-            own.into(),
-            own.map(|own| 1e9 / own / pairs as f64).into(),
-        ]);
-    }
-    rows.note(
+    let speeds = [Some(&environment), actor.as_ref()];
+    let own = speeds.map(|speed| speed.and_then(|speed| speed.slots_per_processor_second));
+    let mut table = Table::new(vec![
+        Column::text("loop", ["environment", "with the actor"].map(str::to_owned)),
+        Column::number(
+            "speed",
+            speeds.map(|speed| speed.map(|speed| speed.slots_per_second)),
+        )
+        .shown("speed", "slots/s", 0),
+        Column::number("processor", own).shown("on the processor", "slots/s", 0),
+        Column::number("each", own.map(|own| own.map(|own| 1e9 / own / pairs as f64))).shown(
+            "vehicle and sub-channel",
+            "ns",
+            2,
+        ),
+    ])?
+    .titled(&title);
+    table.note(
         "On the processor: over the threads' own processor time, summed. The last column is made of it.",
     );
-    say!("{rows}");
+    say!("{table}");
     Ok(())
 }

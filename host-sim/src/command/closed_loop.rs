@@ -5,12 +5,9 @@ use crate::command::options::progress_bar;
 use crate::command::run::RunArguments;
 use crate::experiment::{Experiment, ExperimentSource};
 use crate::mobility::StreetMap;
-use crate::report::ages::long_csv;
-use crate::report::cell::Cell;
-use crate::report::chart::{Axis, LineChart, Point, Series};
-use crate::report::csv::Csv;
+use crate::report::chart::{Axis, LineChart, Series};
 use crate::report::pages;
-use crate::report::text_table::{Column, TextTable};
+use crate::report::table::{Column, Table};
 use crate::threads::thread_pool;
 use crate::traffic::planning_options;
 use assignment::CostWeights;
@@ -127,8 +124,10 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
         say!("{object}");
         return Ok(());
     }
-    let table = table(&experiment, &summary);
-    let mut set = files(&experiment, &summary, &object)?;
+    let table = table(&experiment, &summary)?;
+    let mut set = vec![("loop.csv".to_owned(), table.to_csv())];
+    set.extend(figures(&experiment, &summary)?);
+    set.push(("loop.json".to_owned(), format!("{object:#}\n")));
     set.push((
         "loop.html".to_owned(),
         pages::closed_loop(&experiment, &table, &set)?.render(),
@@ -147,47 +146,35 @@ fn mean_age(result: &LoopResult) -> Option<f64> {
     result.ages.as_ref().map(|ages| ages.mean_ms)
 }
 
-/// A policy's row: name, mean age, then the means over plans, the regret with its interval, and beyond the freshest.
-fn cells(result: &LoopResult) -> [Cell; 10] {
-    let Plan {
-        road_age_ms,
-        capacity_error_veh_per_h,
-        v_over_c,
-        trip_time_s,
-        regret_s_per_trip,
-    } = result.mean;
-    [
-        name(result).into(),
-        mean_age(result).into(),
-        road_age_ms.into(),
-        capacity_error_veh_per_h.into(),
-        v_over_c.into(),
-        trip_time_s.into(),
-        regret_s_per_trip.into(),
-        result.regret_ci95_s_per_trip.into(),
-        result.beyond_freshest_s_per_trip.map(|(mean, _)| mean).into(),
-        result
-            .beyond_freshest_s_per_trip
-            .and_then(|(_, interval)| interval)
-            .into(),
-    ]
-}
-
-fn table(experiment: &Experiment, summary: &LoopSummary) -> TextTable<10> {
-    let columns = [
-        Column::text("policy"),
-        Column::number("mean age", "ms", 2),
-        Column::number("road age", "ms", 0),
-        Column::number("capacity error", "veh/h", 3),
-        Column::number("V/C", "", 3),
-        Column::number("trip time", "s", 3),
-        Column::number("regret", "s/trip", 3),
-        Column::number("+-95 %", "s/trip", 3),
-        Column::number("beyond freshest", "s/trip", 4),
-        Column::number("+-95 %", "s/trip", 4),
-    ];
-    let mut table = TextTable::new("From slot to street", columns);
-    summary.results.iter().for_each(|result| table.row(cells(result)));
+/// The table, also as data: means over plans, the regret with its interval, and beyond the freshest.
+fn table(experiment: &Experiment, summary: &LoopSummary) -> Result<Table> {
+    let results = || summary.results.iter();
+    let number = |name, value: fn(&LoopResult) -> Option<f64>| Column::number(name, results().map(value));
+    let mean =
+        |name, value: fn(&Plan) -> f64| Column::number(name, results().map(|result| value(&result.mean)));
+    let mut table = Table::new(vec![
+        Column::text("policy", results().map(|result| name(result).to_owned())),
+        number("mean_age_ms", mean_age).shown("mean age", "ms", 2),
+        mean("road_age_ms", |plan| plan.road_age_ms).shown("road age", "ms", 0),
+        mean("capacity_error_veh_per_h", |plan| plan.capacity_error_veh_per_h).shown(
+            "capacity error",
+            "veh/h",
+            3,
+        ),
+        mean("mean_v_over_c", |plan| plan.v_over_c).shown("V/C", "", 3),
+        mean("mean_travel_time_s", |plan| plan.trip_time_s).shown("trip time", "s", 3),
+        mean("regret_s_per_trip", |plan| plan.regret_s_per_trip).shown("regret", "s/trip", 3),
+        number("regret_ci95_s_per_trip", |result| result.regret_ci95_s_per_trip).shown("+-95 %", "s/trip", 3),
+        number("beyond_freshest_s_per_trip", |result| {
+            Some(result.beyond_freshest_s_per_trip?.0)
+        })
+        .shown("beyond freshest", "s/trip", 4),
+        number("beyond_freshest_ci95_s_per_trip", |result| {
+            result.beyond_freshest_s_per_trip?.1
+        })
+        .shown("+-95 %", "s/trip", 4),
+    ])?
+    .titled("From slot to street");
     let planning = &experiment.scenario.planning;
     table.note(&format!(
         "{}; {} plans a world.",
@@ -218,7 +205,7 @@ fn table(experiment: &Experiment, summary: &LoopSummary) -> TextTable<10> {
             1000.0 * cost
         ));
     }
-    table
+    Ok(table)
 }
 
 fn to_json(experiment: &Experiment, summary: &LoopSummary) -> Value {
@@ -258,20 +245,7 @@ fn to_json(experiment: &Experiment, summary: &LoopSummary) -> Value {
     })
 }
 
-fn files(experiment: &Experiment, summary: &LoopSummary, object: &Value) -> Result<Vec<NamedText>> {
-    let mut csv = Csv::new([
-        "policy",
-        "mean_age_ms",
-        "road_age_ms",
-        "capacity_error_veh_per_h",
-        "mean_v_over_c",
-        "mean_travel_time_s",
-        "regret_s_per_trip",
-        "regret_ci95_s_per_trip",
-        "beyond_freshest_s_per_trip",
-        "beyond_freshest_ci95_s_per_trip",
-    ]);
-    summary.results.iter().for_each(|result| csv.row(cells(result)));
+fn figures(experiment: &Experiment, summary: &LoopSummary) -> Result<Vec<NamedText>> {
     let over_time = |value: fn(&Plan) -> f64| -> Vec<Series> {
         let of = |result: &LoopResult| Series {
             name: name(result).to_owned(),
@@ -279,11 +253,7 @@ fn files(experiment: &Experiment, summary: &LoopSummary, object: &Value) -> Resu
                 .plan_slots
                 .iter()
                 .zip(&result.over_time)
-                .map(|(&slot, plan)| Point {
-                    x: f64::from(slot),
-                    y: value(plan),
-                    band: None,
-                })
+                .map(|(&slot, plan)| (f64::from(slot), value(plan)).into())
                 .collect(),
         };
         summary.results.iter().map(of).collect()
@@ -306,18 +276,10 @@ fn files(experiment: &Experiment, summary: &LoopSummary, object: &Value) -> Resu
         "capacity error (veh/h)",
         over_time(|plan| plan.capacity_error_veh_per_h),
     );
-    Ok(vec![
-        ("loop.csv".to_owned(), csv.into_text()),
-        ("loop_regret.svg".to_owned(), regret.to_svg()?),
-        (
-            "loop_regret.csv".to_owned(),
-            long_csv(["policy", "slot", "regret_s_per_trip"], &regret.series),
-        ),
-        ("loop_capacity_error.svg".to_owned(), error.to_svg()?),
-        (
-            "loop_capacity_error.csv".to_owned(),
-            long_csv(["policy", "slot", "capacity_error_veh_per_h"], &error.series),
-        ),
-        ("loop.json".to_owned(), format!("{object:#}\n")),
-    ])
+    let mut set = Vec::from(regret.files("loop_regret", ["policy", "slot", "regret_s_per_trip"])?);
+    set.extend(error.files(
+        "loop_capacity_error",
+        ["policy", "slot", "capacity_error_veh_per_h"],
+    )?);
+    Ok(set)
 }

@@ -3,8 +3,7 @@
 use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
 use crate::deadline::image::Images;
 use crate::deadline::{Extent, NetworkReport, Report, report};
-use crate::report::cell::Cell;
-use crate::report::text_table::{Column, TextTable};
+use crate::report::table::{Column, Table};
 use crate::weight_table::WeightTable;
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::{Error, Result};
@@ -76,7 +75,7 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     if arguments.json {
         say!("{}", as_json(&report, &extent));
     } else {
-        let text = as_text(&report, &extent, arguments.table.as_deref());
+        let text = as_text(&report, &extent, arguments.table.as_deref())?;
         say!("{}", text.trim_end());
     }
     Ok(())
@@ -136,66 +135,52 @@ fn period(network: &NetworkReport) -> f64 {
     (network.cycles / SLOT_CYCLES).ceil()
 }
 
-fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> String {
+fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> Result<String> {
     let origin = table.map_or("shipped".to_owned(), |table| table.display().to_string());
-    let share = |cycles: f64| Cell::Number(100.0 * cycles / SLOT_CYCLES);
-    let mut networks = TextTable::new(
-        "One inference",
-        [
-            Column::text("network"),
-            Column::number("kernel min", "instructions", 0),
-            Column::number("max", "instructions", 0),
-            Column::number("portable max", "instructions", 0),
-            Column::number("cycles", "modelled", 0),
-            Column::number("slot", "%", 1),
-        ],
-    );
-    for (network, note) in [
-        (&report.actor, format!(" ({origin})")),
-        (&report.small, String::new()),
-        (&report.paper, " (the paper's)".to_owned()),
-    ] {
-        networks.row([
-            Cell::Text(format!("{}{note}", network.name)),
-            Cell::Count(network.counts.kernel.min),
-            Cell::Count(network.counts.kernel.max),
-            Cell::Count(network.counts.portable.max),
-            Cell::Number(network.cycles),
-            share(network.cycles),
-        ]);
-    }
+    let each = [&report.actor, &report.small, &report.paper];
+    let names = [format!(" ({origin})"), String::new(), " (the paper's)".to_owned()];
+    let names = each
+        .iter()
+        .zip(names)
+        .map(|(network, note)| format!("{}{note}", network.name));
+    let counts = |name, of: fn(&NetworkReport) -> u64| {
+        Column::unsigned(name, each.map(of)).shown(name, "instructions", 0)
+    };
+    let cycles = each.map(|network| network.cycles);
+    let mut networks = Table::new(vec![
+        Column::text("network", names),
+        counts("kernel min", |network| network.counts.kernel.min),
+        counts("max", |network| network.counts.kernel.max),
+        counts("portable max", |network| network.counts.portable.max),
+        Column::number("cycles", cycles).shown("cycles", "modelled", 0),
+        Column::number("slot", cycles.map(|cycles| 100.0 * cycles / SLOT_CYCLES)).shown("slot", "%", 1),
+    ])?
+    .titled("One inference");
     let paper = &report.paper;
     networks.note(&format!(
         "The paper's actor takes {:.1} ms: it cannot decide every slot on this chip, but every {} slots at best.",
         1000.0 * paper.cycles / CORE_HZ,
         period(paper)
     ));
-    let mut stages = TextTable::new(
-        "One slot, from the frame's first byte to the answer's last",
-        [
-            Column::text("stage"),
-            Column::number("min", "instructions", 0),
-            Column::number("max", "instructions", 0),
-        ],
-    );
-    for stage in &report.stages {
-        let name = match stage.name.as_str() {
-            "observe" | "infer" | "decide" => format!("  {}", stage.name),
-            name => name.replace('_', " "),
-        };
-        stages.row([
-            Cell::Text(name),
-            Cell::Count(stage.range.min),
-            Cell::Count(stage.range.max),
-        ]);
-    }
-    stages.row([
-        Cell::Text("slot".to_owned()),
-        Cell::Count(report.slot.min),
-        Cell::Count(report.slot.max),
-    ]);
+    let names = report.stages.iter().map(|stage| match stage.name.as_str() {
+        "observe" | "infer" | "decide" => format!("  {}", stage.name),
+        name => name.replace('_', " "),
+    });
+    let ranges = || {
+        report
+            .stages
+            .iter()
+            .map(|stage| &stage.range)
+            .chain([&report.slot])
+    };
+    let mut stages = Table::new(vec![
+        Column::text("stage", names.chain(["slot".to_owned()])),
+        Column::unsigned("min", ranges().map(|range| range.min)).shown("min", "instructions", 0),
+        Column::unsigned("max", ranges().map(|range| range.max)).shown("max", "instructions", 0),
+    ])?
+    .titled("One slot, from the frame's first byte to the answer's last");
     stages.note("Observe, infer and decide are measured alone; in the slot they are parts of the unit.");
-    format!(
+    Ok(format!(
         "{networks}\n{stages}\n\
          Longest slot: {:.0} modelled cycles, {:.1} % of a slot of 1 ms at 168 MHz.\n\
          Deployed image with its built-in table: {} bytes of flash, {} of static RAM, {} of stack at most.\n\n\
@@ -210,5 +195,5 @@ fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> String {
         report.stack,
         extent.seed,
         extent.slots,
-    )
+    ))
 }

@@ -1,11 +1,10 @@
 //! What the keys of a configuration mean, for `host-sim explain` and `trainer explain`.
 
-use crate::report::text_table::{Column, TextTable};
+use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use kit::keys::{Key, Kind, listed, nearest, value};
 use kit::say;
 use serde_json::{Value, json};
-use toml::Table;
 
 /// Options of `explain`.
 #[derive(Clone, Debug, clap::Args)]
@@ -22,7 +21,11 @@ pub struct ExplainArguments {
 ///
 /// # Errors
 /// An unknown key.
-pub fn explain(keys: &[Key], presets: &[(&'static str, Table)], arguments: &ExplainArguments) -> Result<()> {
+pub fn explain(
+    keys: &[Key],
+    presets: &[(&'static str, toml::Table)],
+    arguments: &ExplainArguments,
+) -> Result<()> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
     let all = listed(keys);
     let is_wanted = |name: &str| {
@@ -51,23 +54,23 @@ pub fn explain(keys: &[Key], presets: &[(&'static str, Table)], arguments: &Expl
         say!("{}", page(name, key, presets));
         return Ok(());
     }
-    let columns = ["key", "default", "range", "meaning", "source"];
-    let mut table = TextTable::new("", columns.map(Column::text));
-    for (name, key) in explained {
-        table.row([
-            name.clone().into(),
-            default(name).map_or(String::new(), ToString::to_string).into(),
-            key.range().into(),
-            key.meaning.into(),
-            key.source.into(),
-        ]);
-    }
+    let defaults = explained.iter().map(|(name, _)| default(name));
+    let table = Table::new(vec![
+        Column::text("key", explained.iter().map(|(name, _)| name.clone())),
+        Column::text(
+            "default",
+            defaults.map(|value| value.map_or(String::new(), ToString::to_string)),
+        ),
+        Column::text("range", explained.iter().map(|(_, key)| key.range())),
+        Column::text("meaning", explained.iter().map(|(_, key)| key.meaning.to_owned())),
+        Column::text("source", explained.iter().map(|(_, key)| key.source.to_owned())),
+    ])?;
     say!("{}", table.to_string().trim_end());
     Ok(())
 }
 
 /// All that is known of one key.
-fn page(name: &str, key: &Key, presets: &[(&'static str, Table)]) -> String {
+fn page(name: &str, key: &Key, presets: &[(&'static str, toml::Table)]) -> String {
     let mut values = presets
         .iter()
         .filter_map(|(preset, values)| Some((preset, value(values, name)?)));

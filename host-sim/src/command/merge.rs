@@ -73,10 +73,10 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
         let expected = "every point (run `host-sim sweep` again, or merge with --allow-missing)";
         return Err(Error::input(arguments.out.display(), found, expected));
     }
-    let columns = merged.columns(&grid)?;
+    let table = merged.table(&grid)?;
     let mut set = vec![
-        ("merged.parquet".to_owned(), columns.to_parquet()?),
-        ("merged.csv".to_owned(), columns.to_csv().into_bytes()),
+        ("merged.parquet".to_owned(), table.to_parquet()?),
+        ("merged.csv".to_owned(), table.to_csv().into_bytes()),
     ];
     if let Some(key) = &arguments.figure {
         let (svg, csv) = figure::mean_age(&grid, &merged, key)?;

@@ -141,8 +141,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         return Ok(());
     }
     let (description, bound_ms) = (experiment.description(), experiment.simulation().bound_age_ms());
-    let age_table = ages::table(&results, &description, bound_ms);
-    let measures = ages::measures(&results);
+    let age_table = ages::table(&results, &description, bound_ms)?;
+    let measures = ages::measures(&results)?;
     say!("{age_table}");
     say!("{measures}");
     let mut set = ages::files(&results, &description, bound_ms)?;
@@ -154,9 +154,10 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     )?);
     let has_traffic = results.iter().any(|result| result.traffic.is_some());
     let traffic_table = has_traffic.then(|| traffic::table(&results, &experiment.scenario));
+    let traffic_table = traffic_table.transpose()?;
     if let Some(table) = &traffic_table {
         say!("{table}");
-        set.push(traffic::csv(&results));
+        set.push(("traffic.csv".to_owned(), table.to_csv()));
         set.extend(traffic::paper_figures(&experiment.scenario)?);
     }
     set.push(("run.json".to_owned(), format!("{object:#}\n")));

@@ -1,9 +1,7 @@
 //! Ages of policies: the table, the data and the figures.
 
-use super::cell::Cell;
-use super::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
-use super::csv::Csv;
-use super::text_table::{Column, TextTable};
+use super::chart::{Axis, Bar, BarChart, LineChart, Reference, Series};
+use super::table::{Column, Table};
 use crate::age::AgeSummary;
 use crate::experiment::PolicyResult;
 use kit::error::Result;
@@ -11,85 +9,75 @@ use kit::files::NamedText;
 
 const INTERVALS: &str = "Intervals: 95 %, over worlds.";
 
+/// What is known of the policies' ages, and of the bound, if it is given, but for its mean nothing.
+fn columns(results: &[PolicyResult], bound_ms: Option<f64>) -> Vec<Column> {
+    let names = results.iter().map(|result| result.name);
+    let names = names.chain(bound_ms.map(|_| "(bound)")).map(str::to_owned);
+    let means = results.iter().map(|result| result.ages.mean_ms).chain(bound_ms);
+    let others = |name, value: fn(&AgeSummary) -> Option<f64>| {
+        let values = results.iter().map(|result| value(&result.ages));
+        Column::number(name, values.chain(bound_ms.map(|_| None)))
+    };
+    vec![
+        Column::text("policy", names),
+        Column::number("mean_age_ms", means).shown("mean age", "ms", 3),
+        others("mean_age_ci95_ms", |ages| ages.ci95_ms).shown("+-95 %", "ms", 3),
+        others("median_world_age_ms", |ages| Some(ages.median_world_ms)).shown("median world", "ms", 3),
+        others("p99_age_ms", |ages| Some(ages.p99_ms)).shown("99 % within", "ms", 0),
+        others("first100_age_ms", |ages| Some(ages.first100_ms)).shown("first 100", "ms", 1),
+        others("success_per_slot", |ages| Some(ages.success_per_slot)).shown("successes", "1/slot", 3),
+    ]
+}
+
 /// The table of ages.
-pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> TextTable<8> {
-    let columns = [
-        Column::text("policy"),
-        Column::number("mean age", "ms", 3),
-        Column::number("+-95 %", "ms", 3),
-        Column::number("median world", "ms", 3),
-        Column::number("99 % within", "ms", 0),
-        Column::number("first 100", "ms", 1),
-        Column::number("successes", "1/slot", 3),
-        Column::number("over bound", "x", 3),
-    ];
-    let mut table = TextTable::new("Age of information", columns);
-    for result in results {
-        let [name, mean, interval, median, p99, first, successes] = cells(result);
-        let over_bound = (result.ages.mean_ms / bound_ms).into();
-        table.row([name, mean, interval, median, p99, first, successes, over_bound]);
-    }
-    table.row([
-        "(bound)".into(),
-        bound_ms.into(),
-        Cell::Missing,
-        Cell::Missing,
-        Cell::Missing,
-        Cell::Missing,
-        Cell::Missing,
-        1.0.into(),
-    ]);
+///
+/// # Errors
+/// Never: its columns have a row for each policy and one for the bound.
+pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> Result<Table> {
+    let mut columns = columns(results, Some(bound_ms));
+    let over_bound = results.iter().map(|result| result.ages.mean_ms / bound_ms);
+    columns.push(Column::number("over_bound", over_bound.chain([1.0])).shown("over bound", "x", 3));
+    let mut table = Table::new(columns)?.titled("Age of information");
     table.note(&format!("{description}."));
     table.note("99 % within: the age that at most 1 of 100 vehicle-slots exceeds.");
     table.note("First 100: mean age in the first 100 slots of a world, in which the vehicles begin unknown, at 100 ms.");
     table.note("Central sees every gain and age; the bound is its age on a channel that never fades.");
-    table
+    Ok(table)
 }
 
 /// The table of what the field measures beside the mean: peaks, violations, the worst vehicles, and what freshness costs.
-pub fn measures(results: &[PolicyResult]) -> TextTable<8> {
-    let columns = [
-        Column::text("policy"),
-        Column::number("peak age", "ms", 3),
-        Column::number("> 10 ms", "%", 3),
-        Column::number("> 20 ms", "%", 3),
-        Column::number("> 50 ms", "%", 3),
-        Column::number("worst 5 %", "ms", 3),
-        Column::number("sent", "1/slot", 4),
-        Column::number("energy", "mJ/slot", 4),
-    ];
-    let mut table = TextTable::new("What the field also measures", columns);
-    for PolicyResult { name, ages, .. } in results {
-        let above = |age_ms| Cell::from(100.0 * ages.share_above(age_ms));
-        table.row([
-            (*name).into(),
-            ages.peak_ms.into(),
-            above(10),
-            above(20),
-            above(50),
-            ages.worst_vehicles_ms.into(),
-            ages.transmissions_per_vehicle_slot.into(),
-            ages.energy_mj_per_vehicle_slot.into(),
-        ]);
-    }
+///
+/// # Errors
+/// Never: its columns have a row for each policy.
+pub fn measures(results: &[PolicyResult]) -> Result<Table> {
+    let number = |name, value: fn(&AgeSummary) -> Option<f64>, unit, decimals| {
+        Column::number(name, results.iter().map(|result| value(&result.ages))).shown(name, unit, decimals)
+    };
+    let mut table = Table::new(vec![
+        Column::text("policy", results.iter().map(|result| result.name.to_owned())),
+        number("peak age", |ages| ages.peak_ms, "ms", 3),
+        number("> 10 ms", |ages| Some(100.0 * ages.share_above(10)), "%", 3),
+        number("> 20 ms", |ages| Some(100.0 * ages.share_above(20)), "%", 3),
+        number("> 50 ms", |ages| Some(100.0 * ages.share_above(50)), "%", 3),
+        number("worst 5 %", |ages| Some(ages.worst_vehicles_ms), "ms", 3),
+        number(
+            "sent",
+            |ages| Some(ages.transmissions_per_vehicle_slot),
+            "1/slot",
+            4,
+        ),
+        number(
+            "energy",
+            |ages| Some(ages.energy_mj_per_vehicle_slot),
+            "mJ/slot",
+            4,
+        ),
+    ])?
+    .titled("What the field also measures");
     table.note("Peak age: mean of the ages that receptions end, each just before, at most 100 ms. Who is never received adds none.");
     table.note("> x ms: how often a vehicle's information is older. Worst 5 %: the mean age that one vehicle in 20 exceeds.");
     table.note("Sent, energy: transmissions, received or not, and what they radiate, a vehicle and slot.");
-    table
-}
-
-/// A policy's row: name, mean age with its interval, median world, 99th percentile, first 100 slots, successes.
-fn cells(result: &PolicyResult) -> [Cell; 7] {
-    let ages = &result.ages;
-    [
-        result.name.into(),
-        ages.mean_ms.into(),
-        ages.ci95_ms.into(),
-        ages.median_world_ms.into(),
-        ages.p99_ms.into(),
-        ages.first100_ms.into(),
-        ages.success_per_slot.into(),
-    ]
+    Ok(table)
 }
 
 /// Figures and data.
@@ -135,20 +123,16 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         series: series(results, |ages| exceedance(&ages.distribution)),
         references: Vec::new(),
     };
-    Ok(vec![
+    let mut set = vec![
         ("mean_age.svg".to_owned(), mean_age.to_svg()?),
-        ("mean_age.csv".to_owned(), mean_age_csv(results)),
-        ("cold_start.svg".to_owned(), start.to_svg()?),
         (
-            "cold_start.csv".to_owned(),
-            long_csv(["policy", "slot", "mean_age_ms"], &start.series),
+            "mean_age.csv".to_owned(),
+            Table::new(columns(results, None))?.to_csv(),
         ),
-        ("age_distribution.svg".to_owned(), distribution.to_svg()?),
-        (
-            "age_distribution.csv".to_owned(),
-            long_csv(["policy", "age_ms", "fraction_above"], &distribution.series),
-        ),
-    ])
+    ];
+    set.extend(start.files("cold_start", ["policy", "slot", "mean_age_ms"])?);
+    set.extend(distribution.files("age_distribution", ["policy", "age_ms", "fraction_above"])?);
+    Ok(set)
 }
 
 /// One series a policy, of its positive values over 1, 2, 3 and so on.
@@ -157,13 +141,7 @@ fn series(results: &[PolicyResult], values: fn(&AgeSummary) -> Vec<f64>) -> Vec<
         let points = (1_u32..).zip(values(&result.ages)).filter(|&(_, y)| y > 0.0);
         Series {
             name: result.name.to_owned(),
-            points: points
-                .map(|(x, y)| Point {
-                    x: f64::from(x),
-                    y,
-                    band: None,
-                })
-                .collect(),
+            points: points.map(|(x, y)| (f64::from(x), y).into()).collect(),
         }
     };
     results.iter().map(of).collect()
@@ -181,31 +159,4 @@ fn exceedance(distribution: &[f64]) -> Vec<f64> {
             if above < 1e-9 { 0.0 } else { above }
         })
         .collect()
-}
-
-fn mean_age_csv(results: &[PolicyResult]) -> String {
-    let mut csv = Csv::new([
-        "policy",
-        "mean_age_ms",
-        "mean_age_ci95_ms",
-        "median_world_age_ms",
-        "p99_age_ms",
-        "first100_age_ms",
-        "success_per_slot",
-    ]);
-    for result in results {
-        csv.row(cells(result));
-    }
-    csv.into_text()
-}
-
-/// One row a point.
-pub fn long_csv(header: [&str; 3], series: &[Series]) -> String {
-    let mut csv = Csv::new(header);
-    for series in series {
-        for point in &series.points {
-            csv.row([series.name.as_str().into(), point.x.into(), point.y.into()]);
-        }
-    }
-    csv.into_text()
 }

@@ -1,7 +1,7 @@
 //! The paper's two learning figures: average reward and average age over episodes.
 
 use super::chart::{Axis, LineChart, Point, Series};
-use super::csv::Csv;
+use super::table::{Column, Table};
 use kit::error::{Error, Result};
 use kit::files::NamedText;
 
@@ -35,23 +35,24 @@ pub struct CurvePoint {
 }
 
 /// Points as the text of a file.
-pub fn curves_csv(points: &[CurvePoint]) -> String {
-    let mut csv = Csv::new(HEADER);
-    for point in points {
-        let ([reward, least_reward, largest_reward], [age, least_age, largest_age]) =
-            (point.reward, point.age_ms);
-        csv.row([
-            point.case.as_str().into(),
-            point.episode.into(),
-            reward.into(),
-            least_reward.into(),
-            largest_reward.into(),
-            age.into(),
-            least_age.into(),
-            largest_age.into(),
-        ]);
-    }
-    csv.into_text()
+///
+/// # Errors
+/// Never: its columns have a row for each point.
+pub fn curves_csv(points: &[CurvePoint]) -> Result<String> {
+    let number = |column: usize, value: fn(&CurvePoint) -> f64| {
+        Column::number(HEADER[column], points.iter().map(value))
+    };
+    let table = Table::new(vec![
+        Column::text(HEADER[0], points.iter().map(|point| point.case.clone())),
+        Column::unsigned(HEADER[1], points.iter().map(|point| point.episode)),
+        number(2, |point| point.reward[0]),
+        number(3, |point| point.reward[1]),
+        number(4, |point| point.reward[2]),
+        number(5, |point| point.age_ms[0]),
+        number(6, |point| point.age_ms[1]),
+        number(7, |point| point.age_ms[2]),
+    ])?;
+    Ok(table.to_csv())
 }
 
 /// Reads such a file's text.
@@ -157,7 +158,7 @@ mod tests {
             reward: [-0.5, -0.75, -0.25],
             age_ms: [40.0, 30.0, 50.5],
         };
-        let text = curves_csv(std::slice::from_ref(&point));
+        let text = curves_csv(std::slice::from_ref(&point)).unwrap();
         assert_eq!(read_curves("file", &text).unwrap(), [point]);
         let message = |text: &str| read_curves("file", text).unwrap_err().to_string();
         assert!(message("a,b\n").starts_with("file:1: found a,b, expected case,episode,"));

@@ -2,7 +2,7 @@
 //! every road with the age of its own freshest vehicle.
 
 use super::chart::{Axis, LineChart, Point, Reference, Series, side_by_side};
-use super::csv::Csv;
+use super::table::{Column, Table};
 use super::traffic::CAPACITY_ERROR_SIXTHS;
 use crate::age::AgeSummary;
 use crate::capacity::TrafficState;
@@ -76,7 +76,7 @@ pub fn figures(scenario: &Scenario, measured: &[MeasuredAges], description: &str
     Ok(vec![
         ("measured_volume_over_capacity.svg".to_owned(), ratio),
         ("measured_travel_time.svg".to_owned(), time),
-        ("measured_traffic.csv".to_owned(), csv(&by_delta)),
+        ("measured_traffic.csv".to_owned(), csv(&by_delta)?),
     ])
 }
 
@@ -175,34 +175,20 @@ fn series(row: &[Measurement], value: impl Fn(&Measurement) -> Estimate) -> Seri
     }
 }
 
-fn csv(by_delta: &[Vec<Measurement>]) -> String {
-    let mut csv = Csv::new([
-        "policy",
-        "delta_m",
-        "mean_age_ms",
-        "mean_age_ci95_ms",
-        "uniform_mean_v_over_c",
-        "uniform_mean_link_time_s",
-        "per_road_mean_v_over_c",
-        "per_road_mean_v_over_c_ci95",
-        "per_road_mean_link_time_s",
-        "per_road_mean_link_time_ci95_s",
-    ]);
-    for measurement in by_delta.iter().flatten() {
-        let [uniform_ratio, uniform_time] = measurement.uniform;
-        let [ratio, time] = measurement.per_road;
-        csv.row([
-            measurement.policy.into(),
-            measurement.delta_m.into(),
-            measurement.age.mean.into(),
-            measurement.age.half.into(),
-            uniform_ratio.mean.into(),
-            uniform_time.mean.into(),
-            ratio.mean.into(),
-            ratio.half.into(),
-            time.mean.into(),
-            time.half.into(),
-        ]);
-    }
-    csv.into_text()
+fn csv(by_delta: &[Vec<Measurement>]) -> Result<String> {
+    let rows = || by_delta.iter().flatten();
+    let number = |name, value: fn(&Measurement) -> f64| Column::number(name, rows().map(value));
+    let table = Table::new(vec![
+        Column::text("policy", rows().map(|row| row.policy.to_owned())),
+        number("delta_m", |row| row.delta_m),
+        number("mean_age_ms", |row| row.age.mean),
+        number("mean_age_ci95_ms", |row| row.age.half),
+        number("uniform_mean_v_over_c", |row| row.uniform[0].mean),
+        number("uniform_mean_link_time_s", |row| row.uniform[1].mean),
+        number("per_road_mean_v_over_c", |row| row.per_road[0].mean),
+        number("per_road_mean_v_over_c_ci95", |row| row.per_road[0].half),
+        number("per_road_mean_link_time_s", |row| row.per_road[1].mean),
+        number("per_road_mean_link_time_ci95_s", |row| row.per_road[1].half),
+    ])?;
+    Ok(table.to_csv())
 }

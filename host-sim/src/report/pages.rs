@@ -1,7 +1,7 @@
 //! The HTML reports of `run` and `loop`.
 
 use super::html::{Block, Page, Section};
-use super::text_table::TextTable;
+use super::table::Table;
 use crate::experiment::{Experiment, PolicyResult};
 use crate::policy::Kind;
 use crate::revision::{own_revision, revision_text};
@@ -24,8 +24,8 @@ const ALIKE: f64 = 0.005;
 pub fn run(
     experiment: &Experiment,
     results: &[PolicyResult],
-    [ages, measures]: [&TextTable<8>; 2],
-    traffic: Option<&TextTable<7>>,
+    [ages, measures]: [&Table; 2],
+    traffic: Option<&Table>,
     set: &[NamedText],
 ) -> Result<Page> {
     let figures = |captions: &[(&str, &str)]| figures(set, captions);
@@ -132,11 +132,7 @@ fn coincidence(results: &[PolicyResult]) -> &'static str {
 ///
 /// # Errors
 /// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
-pub fn closed_loop<const COLUMNS: usize>(
-    experiment: &Experiment,
-    table: &TextTable<COLUMNS>,
-    set: &[NamedText],
-) -> Result<Page> {
+pub fn closed_loop(experiment: &Experiment, table: &Table, set: &[NamedText]) -> Result<Page> {
     let captions = [
         (
             "loop_regret.svg",

@@ -1,4 +1,4 @@
-//! [`Columns`] as one Parquet file with the same bytes on every machine and at every time.
+//! A [`Table`] as one Parquet file with the same bytes on every machine and at every time.
 //!
 //! Text is `BYTE_ARRAY` (string), counts are `INT64` (unsigned), integers `INT64`, numbers `DOUBLE`; every column is
 //! optional, so that the schema does not depend on whether a value is missing. No compression, no timestamp, no
@@ -7,7 +7,7 @@
 //! # Source
 //! Apache Parquet format 2; logical types as in its `LogicalTypes.md`.
 
-use super::columns::{Column, Columns, Values};
+use super::table::{Column, Table, Values};
 use kit::error::{Error, Result};
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
@@ -24,7 +24,7 @@ const ROWS_PER_GROUP: usize = 1 << 17;
 /// Who wrote the file, as its footer says; without a version, which would change the bytes.
 const WRITER: &str = "freshlane";
 
-impl Columns {
+impl Table {
     /// The table as a Parquet file, ready for [`write_whole`](kit::files::write_whole).
     ///
     /// # Errors

@@ -1,10 +1,7 @@
 //! What ages do to the road: the table, the data, and the paper's two path-planning figures.
 
-use super::ages::long_csv;
-use super::cell::Cell;
 use super::chart::{Axis, LineChart, Point, Reference, Series};
-use super::csv::Csv;
-use super::text_table::{Column, TextTable};
+use super::table::{Column, Table};
 use crate::experiment::PolicyResult;
 use crate::scenario::Scenario;
 use crate::traffic::{TrafficModel, TrafficSummary};
@@ -16,21 +13,42 @@ use kit::files::NamedText;
 /// hour. The paper shows four and does not say which; these are chosen so that two pass a volume over capacity of 1.
 pub(super) const CAPACITY_ERROR_SIXTHS: [f64; 4] = [2.0, 3.0, 4.0, 5.0];
 
-/// The table of traffic.
-pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {
-    let columns = [
-        Column::text("policy"),
-        Column::number("mean age", "ms", 2),
-        Column::number("uniform V/C", "", 4),
-        Column::number("link time", "uniform, s", 3),
-        Column::number("per-road V/C", "", 3),
-        Column::number("trip time", "per road, s", 2),
-        Column::number("if informed", "per road, s", 2),
-    ];
-    let mut table = TextTable::new("What the age does to traffic", columns);
-    for (result, traffic) in with_traffic(results) {
-        table.row(cells(result, traffic));
-    }
+/// The table of traffic, also as data.
+///
+/// # Errors
+/// Never: its columns have a row for each policy.
+pub fn table(results: &[PolicyResult], scenario: &Scenario) -> Result<Table> {
+    let number = |name, value: fn(&TrafficSummary) -> f64| {
+        let traffic = results.iter().filter_map(|result| result.traffic.as_ref());
+        Column::number(name, traffic.map(value))
+    };
+    let with_traffic = || results.iter().filter(|result| result.traffic.is_some());
+    let mut table = Table::new(vec![
+        Column::text("policy", with_traffic().map(|result| result.name.to_owned())),
+        Column::number("mean_age_ms", with_traffic().map(|result| result.ages.mean_ms))
+            .shown("mean age", "ms", 2),
+        number("uniform_mean_v_over_c", |traffic| {
+            traffic.uniform.mean_volume_over_capacity
+        })
+        .shown("uniform V/C", "", 4),
+        number("uniform_mean_link_time_s", |traffic| {
+            traffic.uniform.mean_link_time
+        })
+        .shown("link time", "uniform, s", 3),
+        number("per_road_mean_v_over_c", |traffic| {
+            traffic.stale.mean_volume_over_capacity
+        })
+        .shown("per-road V/C", "", 3),
+        number("per_road_mean_trip_time_s", |traffic| {
+            traffic.stale.mean_trip_time
+        })
+        .shown("trip time", "per road, s", 2),
+        number("informed_mean_trip_time_s", |traffic| {
+            traffic.informed.mean_trip_time
+        })
+        .shown("if informed", "per road, s", 2),
+    ])?
+    .titled("What the age does to traffic");
     let error = scenario.traffic.max_capacity_error_veh_per_h;
     table.note(&format!(
         "Capacity error {error} veh/h at the largest age of {} ms.",
@@ -43,43 +61,7 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> TextTable<7> {
         "Per road: the age of the freshest vehicle on it at the end of each world; 100 ms where none drives.",
     );
     table.note("Most roads are empty under every policy, which is why V/C is high. `host-sim loop` shows what staleness costs a trip.");
-    table
-}
-
-fn with_traffic(results: &[PolicyResult]) -> impl Iterator<Item = (&PolicyResult, &TrafficSummary)> {
-    results
-        .iter()
-        .filter_map(|result| Some((result, result.traffic.as_ref()?)))
-}
-
-/// A policy's row: name, mean age, then volume over capacity and times with uniform and with per-road ages.
-fn cells(result: &PolicyResult, traffic: &TrafficSummary) -> [Cell; 7] {
-    [
-        result.name.into(),
-        result.ages.mean_ms.into(),
-        traffic.uniform.mean_volume_over_capacity.into(),
-        traffic.uniform.mean_link_time.into(),
-        traffic.stale.mean_volume_over_capacity.into(),
-        traffic.stale.mean_trip_time.into(),
-        traffic.informed.mean_trip_time.into(),
-    ]
-}
-
-/// The table as data.
-pub fn csv(results: &[PolicyResult]) -> NamedText {
-    let mut csv = Csv::new([
-        "policy",
-        "mean_age_ms",
-        "uniform_mean_v_over_c",
-        "uniform_mean_link_time_s",
-        "per_road_mean_v_over_c",
-        "per_road_mean_trip_time_s",
-        "informed_mean_trip_time_s",
-    ]);
-    for (result, traffic) in with_traffic(results) {
-        csv.row(cells(result, traffic));
-    }
-    ("traffic.csv".to_owned(), csv.into_text())
+    Ok(table)
 }
 
 /// The paper's figures of volume over capacity and of travel time against age, as SVG and CSV. Every road has the same
@@ -99,14 +81,8 @@ pub fn paper_figures(scenario: &Scenario) -> Result<Vec<NamedText>> {
         let states = model.uniform(&ages)?;
         let name = format!("delta m = {error} veh/h");
         let points = |value: fn(&crate::capacity::TrafficState) -> f64| -> Vec<Point> {
-            ages.iter()
-                .zip(&states)
-                .map(|(&x, state)| Point {
-                    x,
-                    y: value(state),
-                    band: None,
-                })
-                .collect()
+            let states = ages.iter().zip(&states);
+            states.map(|(&age, state)| (age, value(state)).into()).collect()
         };
         ratios.push(Series {
             name: name.clone(),
@@ -138,16 +114,7 @@ pub fn paper_figures(scenario: &Scenario) -> Result<Vec<NamedText>> {
         series: times,
         references: Vec::new(),
     };
-    Ok(vec![
-        ("volume_over_capacity.svg".to_owned(), ratio.to_svg()?),
-        (
-            "volume_over_capacity.csv".to_owned(),
-            long_csv(["delta_m", "age_ms", "mean_v_over_c"], &ratio.series),
-        ),
-        ("travel_time.svg".to_owned(), time.to_svg()?),
-        (
-            "travel_time.csv".to_owned(),
-            long_csv(["delta_m", "age_ms", "mean_link_time_s"], &time.series),
-        ),
-    ])
+    let mut set = Vec::from(ratio.files("volume_over_capacity", ["delta_m", "age_ms", "mean_v_over_c"])?);
+    set.extend(time.files("travel_time", ["delta_m", "age_ms", "mean_link_time_s"])?);
+    Ok(set)
 }

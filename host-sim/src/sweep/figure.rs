@@ -4,7 +4,7 @@ use super::axis::{Kind, SEED, text};
 use super::merged::Merged;
 use super::{Grid, Outcome};
 use crate::report::chart::{Axis, LineChart, Point as Mark, Series};
-use crate::report::columns::{Column, Columns};
+use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use std::collections::BTreeMap;
 use toml::Value;
@@ -121,14 +121,14 @@ pub fn mean_age(grid: &Grid, merged: &Merged, key: &str) -> Result<(String, Stri
         series: lines.collect(),
         references: Vec::new(),
     };
-    let columns = Columns::new(vec![
+    let table = Table::new(vec![
         Column::text("series", pools.iter().map(|pool| names[pool.series].clone())),
         Column::number(key, pools.iter().map(|pool| pool.x)),
         Column::number("mean_age_ms", pools.iter().map(Pool::mean_ms)),
         Column::number("mean_age_ci95_ms", pools.iter().map(Pool::ci95_ms)),
         Column::unsigned("runs", pools.iter().map(|pool| pool.outcomes.len() as u64)),
     ])?;
-    Ok((chart.to_svg()?, columns.to_csv()))
+    Ok((chart.to_svg()?, table.to_csv()))
 }
 
 /// How much was simulated, and with what seeds.

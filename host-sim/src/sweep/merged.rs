@@ -2,7 +2,7 @@
 
 use super::axis::{Kind, POLICY, SEED, text};
 use super::{Grid, Outcome, Point, Store};
-use crate::report::columns::{Column, Columns};
+use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use toml::Value;
 
@@ -53,7 +53,7 @@ impl Merged {
     ///
     /// # Errors
     /// Never, for keys of a checked grid.
-    pub fn columns(&self, grid: &Grid) -> Result<Columns> {
+    pub fn table(&self, grid: &Grid) -> Result<Table> {
         let present = || self.present.iter();
         let mut columns = vec![Column::unsigned(
             "point",
@@ -86,7 +86,7 @@ impl Merged {
         for (name, value) in Outcome::NUMBERS {
             columns.push(Column::number(name, present().map(|(_, outcome)| value(outcome))));
         }
-        Columns::new(columns)
+        Table::new(columns)
     }
 }
 

@@ -45,7 +45,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let Some(folder) = &arguments.run else {
         let experiment = source.read()?;
         let results = pool.install(|| results_with_progress(&experiment, options.json))?;
-        report(&experiment, &results, None, None, options.json);
+        report(&experiment, &results, None, None, options.json)?;
         return Ok(());
     };
     let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
@@ -63,8 +63,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let (mut results, agreement) = pool.install(|| trained_results(&experiment, &trained, options.json))?;
     results.extend(pool.install(|| results_with_progress(&experiment, options.json))?);
     let obstacle = trained.obstacle.as_ref();
-    report(&experiment, &results, agreement, obstacle, options.json);
-    Ok(())
+    report(&experiment, &results, agreement, obstacle, options.json)
 }
 
 /// Puts the run's scenario below the user's settings.
@@ -155,7 +154,7 @@ fn report(
     agreement: Option<f64>,
     obstacle: Option<&Error>,
     json: bool,
-) {
+) -> Result<()> {
     let mut object = experiment.to_json(results);
     let mean = |name: &str| {
         results
@@ -168,7 +167,7 @@ fn report(
         .map(|(actor, float)| actor - float);
     if !json {
         let bound = experiment.simulation().bound_age_ms();
-        say!("{}", ages::table(results, &experiment.description(), bound));
+        say!("{}", ages::table(results, &experiment.description(), bound)?);
     }
     if let Some(float) = mean("float") {
         object["float_mean_age_ms"] = json!(float);
@@ -190,4 +189,5 @@ fn report(
     if json {
         say!("{object}");
     }
+    Ok(())
 }

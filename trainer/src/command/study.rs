@@ -2,7 +2,7 @@
 
 use crate::learning_curves::learning_curves;
 use crate::study::{Plan, StudyConduct, StudyRun};
-use host_sim::report::csv::Csv;
+use host_sim::report::table::{Column, Table};
 use kit::error::Result;
 use kit::files::{check_output, write_set, write_whole};
 use kit::say;
@@ -52,7 +52,7 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
     let runs = plan.carry_out(&arguments.out, &conduct)?;
     let markdown = markdown(&plan, &runs);
     let files = [
-        (format!("{name}.csv"), csv(&plan, &runs)),
+        (format!("{name}.csv"), csv(&plan, &runs)?),
         (format!("{name}.md"), markdown.clone()),
     ];
     write_set(&arguments.out, &files)?;
@@ -82,28 +82,23 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
 }
 
 /// A row for each form of each run.
-fn csv(plan: &Plan, runs: &[StudyRun]) -> String {
-    let mut csv = Csv::new([
-        "case",
-        "seed",
-        "form",
-        "mean_age_ms",
-        "mean_age_ci95_ms",
-        "median_world_age_ms",
-    ]);
-    for run in runs {
-        for result in &run.forms {
-            csv.row([
-                plan.case[run.case].name.as_str().into(),
-                run.seed.into(),
-                result.form.as_str().into(),
-                result.mean_age_ms.into(),
-                result.mean_age_ci95_ms.into(),
-                result.median_world_age_ms.into(),
-            ]);
-        }
-    }
-    csv.into_text()
+fn csv(plan: &Plan, runs: &[StudyRun]) -> Result<String> {
+    let rows = || {
+        runs.iter()
+            .flat_map(|run| run.forms.iter().map(move |form| (run, form)))
+    };
+    let table = Table::new(vec![
+        Column::text("case", rows().map(|(run, _)| plan.case[run.case].name.clone())),
+        Column::unsigned("seed", rows().map(|(run, _)| run.seed)),
+        Column::text("form", rows().map(|(_, form)| form.form.clone())),
+        Column::number("mean_age_ms", rows().map(|(_, form)| form.mean_age_ms)),
+        Column::number("mean_age_ci95_ms", rows().map(|(_, form)| form.mean_age_ci95_ms)),
+        Column::number(
+            "median_world_age_ms",
+            rows().map(|(_, form)| form.median_world_age_ms),
+        ),
+    ])?;
+    Ok(table.to_csv())
 }
 
 /// The table for people, a row for each case.

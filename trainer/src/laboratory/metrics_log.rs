@@ -5,7 +5,7 @@
 
 use super::learner::Metrics;
 use super::tensorboard;
-use host_sim::report::columns::{Column, Columns};
+use host_sim::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use kit::files::write_whole;
 use serde_json::Value;
@@ -167,8 +167,8 @@ impl MetricsLog {
                 .map(move |row| Some(row[index]).filter(|value| !value.is_nan()));
             Column::number(name, values)
         });
-        let columns = Columns::new(std::iter::once(episodes).chain(values).collect())?;
-        write_whole(path, &columns.to_parquet()?)
+        let table = Table::new(std::iter::once(episodes).chain(values).collect())?;
+        write_whole(path, &table.to_parquet()?)
     }
 }
 

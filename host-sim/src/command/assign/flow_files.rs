@@ -1,6 +1,6 @@
 //! Link flows as files: CSV, or Parquet where the name ends in `.parquet`.
 
-use crate::report::columns::{Column, Columns};
+use crate::report::table::{Column, Table};
 use assignment::Network;
 use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
@@ -30,7 +30,7 @@ pub(super) fn encode(
     }
     let [init_node, term_node, volume, cost] = columns();
     let links = network.links();
-    Columns::new(vec![
+    Table::new(vec![
         nodes(init_node, network, links.iter().map(|link| link.init_node)),
         nodes(term_node, network, links.iter().map(|link| link.term_node)),
         Column::number(volume, link_flows.iter().copied()),

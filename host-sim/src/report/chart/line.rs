@@ -6,7 +6,9 @@ use super::canvas::{
     WIDTH_PX, line, marker, polygon, texts,
 };
 use super::{Axis, Reference, nothing_to_draw};
+use crate::report::table::{Column, Table};
 use kit::error::Result;
+use kit::files::NamedText;
 use maud::{Markup, html};
 
 /// Markers that a long series carries; a short one has one at every point.
@@ -128,6 +130,26 @@ impl LineChart {
             }
         };
         Ok(frame.svg(height, &content))
+    }
+
+    /// The figure as `NAME.svg`, and as `NAME.csv` its points, one a row, under these names of series, x and y.
+    ///
+    /// # Errors
+    /// As [`LineChart::to_svg`].
+    pub fn files(&self, name: &str, [series, x, y]: [&str; 3]) -> Result<[NamedText; 2]> {
+        let points = || {
+            let series = self.series.iter();
+            series.flat_map(|series| series.points.iter().map(|point| (&series.name, point)))
+        };
+        let table = Table::new(vec![
+            Column::text(series, points().map(|(series, _)| series.clone())),
+            Column::number(x, points().map(|(_, point)| point.x)),
+            Column::number(y, points().map(|(_, point)| point.y)),
+        ])?;
+        Ok([
+            (format!("{name}.svg"), self.to_svg()?),
+            (format!("{name}.csv"), table.to_csv()),
+        ])
     }
 
     fn legend(&self) -> Vec<Entry> {

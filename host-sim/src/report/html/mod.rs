@@ -1,6 +1,6 @@
 //! Reports as one HTML file that stands alone: no script, no request to anywhere, light or dark as the reader prefers.
 
-use super::text_table::TextTable;
+use super::table::Table;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = include_str!("style.css");
@@ -32,22 +32,22 @@ pub struct Block(Markup);
 
 impl Block {
     /// A table.
-    pub fn table<const COLUMNS: usize>(table: &TextTable<COLUMNS>) -> Self {
-        let head = table.columns();
+    pub fn table(table: &Table) -> Self {
+        let columns = table.columns();
         Self(html! {
             div.wide {
                 table {
                     @if !table.title().is_empty() { caption { (table.title()) } }
                     thead { tr {
-                        @for column in head {
+                        @for column in columns {
                             th.text[column.is_text()] scope="col" {
-                                (column.name())
+                                (column.head())
                                 @if !column.unit().is_empty() { small { (column.unit()) } }
                             }
                         }
                     } }
-                    tbody { @for row in table.rows() { tr {
-                        @for (column, cell) in head.iter().zip(row) { td.text[column.is_text()] { (cell) } }
+                    tbody { @for row in 0..table.rows() { tr {
+                        @for column in columns { td.text[column.is_text()] { (column.written(row)) } }
                     } } }
                 }
             }
@@ -114,12 +114,15 @@ impl Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::text_table::Column;
+    use crate::report::table::Column;
 
     #[test]
     fn a_page_stands_alone_and_escapes_what_it_is_given() {
-        let mut table = TextTable::new("A < B", [Column::text("who"), Column::number("age", "ms", 1)]);
-        table.row(["<b>".into(), 4.25.into()]);
+        let columns = vec![
+            Column::text("who", ["<b>".to_owned()]),
+            Column::number("age_ms", [4.25]).shown("age", "ms", 1),
+        ];
+        let table = Table::new(columns).unwrap().titled("A < B");
         let page = Page {
             title: "Run & report".to_owned(),
             summary: "All.".to_owned(),

@@ -1,7 +1,7 @@
 //! Typed columns: CSV and Parquet with the same rows, the same bytes every time, read back by the library's own reader.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
-use host_sim::report::columns::{Column, Columns};
+use host_sim::report::table::{Column, Table};
 use kit::files::write_whole;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::Field;
@@ -19,8 +19,8 @@ fn reader(bytes: &[u8]) -> SerializedFileReader<File> {
     SerializedFileReader::new(File::open(&path).unwrap()).unwrap()
 }
 
-fn small() -> Columns {
-    Columns::new(vec![
+fn small() -> Table {
+    Table::new(vec![
         Column::text("policy", ["actor", "a \"b\", c", "ä"].map(str::to_owned)),
         Column::unsigned("slots", [2000, u64::MAX, 0]),
         Column::signed("shift", [Some(-3), None, Some(i64::MIN)]),
@@ -36,7 +36,7 @@ fn csv_has_the_columns_and_exact_values() {
         "policy,slots,shift,mean_age_ms\nactor,2000,-3,0.3333333333333333\n\
          \"a \"\"b\"\", c\",18446744073709551615,,\nä,0,-9223372036854775808,NaN\n"
     );
-    let none = Columns::new(vec![
+    let none = Table::new(vec![
         Column::number("a", Vec::<f64>::new()),
         Column::text("b", Vec::<String>::new()),
     ]);
@@ -95,7 +95,7 @@ fn parquet_reads_back_with_types_and_missing_values() {
 fn many_rows_take_fixed_row_groups_and_pinned_bytes() {
     let rows = 300_000_u64;
     let table = || {
-        Columns::new(vec![
+        Table::new(vec![
             Column::unsigned("link", 0..rows),
             Column::text("zone", (0..rows).map(|row| format!("zone {}", row % 24))),
             Column::number("volume", (0..rows).map(|row| row as f64 / 7.0)),
@@ -131,7 +131,7 @@ fn many_rows_take_fixed_row_groups_and_pinned_bytes() {
 
 #[test]
 fn columns_that_are_no_table_are_refused() {
-    let message = |columns| Columns::new(columns).unwrap_err().to_string();
+    let message = |columns| Table::new(columns).unwrap_err().to_string();
     assert_eq!(
         message(vec![Column::number("a", [1.0]), Column::number("b", [1.0, 2.0])]),
         "column b: found 2 values, expected 1"
