@@ -10,7 +10,7 @@ use trainer::laboratory::learner::Learner;
 use trainer::laboratory::state::State;
 use trainer::maddpg::in_cell::MaddpgInCell;
 use trainer::maddpg::learner::MaddpgLearner;
-use trainer::maddpg::options::{Backend, CriticForm, GradientForm, Maddpg};
+use trainer::maddpg::options::{Backend, CriticForm, Maddpg};
 
 const TOY_WORLDS: usize = 16;
 const TOY_SLOTS: u32 = 12;
@@ -60,7 +60,6 @@ fn toy_options() -> Maddpg {
     }
 }
 
-/// With the exact gradient over all actions. The straight-through estimate is an option for comparison and does not find it.
 #[test]
 fn the_best_play_of_a_toy_is_found_on_five_of_five_seeds() {
     let best = Turns::best_age(TOY_SLOTS);
@@ -190,9 +189,9 @@ fn contradictory_options_are_refused_by_name() {
         options.check(&scenario).unwrap_err().to_string()
     };
     assert_eq!(
-        message(&|options| options.gradient = GradientForm::AllActions),
-        "maddpg: found maddpg.gradient = \"all-actions\" with maddpg.action = \"sub-channel-and-power\", expected an \
-         action that is a choice, or maddpg.gradient = \"straight\""
+        message(&|options| options.global_critic = CriticForm::Set),
+        "maddpg: found maddpg.global_critic = \"set\" with another maddpg.action than \"actions\", expected \
+         maddpg.action = \"actions\", or maddpg.global_critic = \"flat\""
     );
     assert_eq!(
         message(&|options| options.action = OutputForm::SendingSubChannels),

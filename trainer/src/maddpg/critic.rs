@@ -4,7 +4,29 @@ use super::view::View;
 use crate::network::perceptron::Pass;
 use host_sim::stream::Stream;
 
-/// One value for each sub-channel, or one for the cell, of joint observations and actions, `[sample][vehicle][action length]`.
+/// What a critic is asked about.
+#[derive(Clone, Copy, Debug)]
+pub struct Question<'a> {
+    /// The critic's own.
+    pub parameters: &'a [f32],
+    /// What the vehicles see.
+    pub view: View<'a>,
+    /// What they do, `[sample][vehicle][action length]`.
+    pub actions: &'a [f32],
+}
+
+impl<'a> Question<'a> {
+    /// With these parameters, of what vehicles see and do.
+    pub fn new(parameters: &'a [f32], view: View<'a>, actions: &'a [f32]) -> Self {
+        Self {
+            parameters,
+            view,
+            actions,
+        }
+    }
+}
+
+/// One value for each sub-channel, or one for the cell, of joint observations and actions.
 pub trait Critic: Send + Sync {
     /// How many values it gives for a sample; their mean is the value of the cell.
     fn heads(&self) -> usize;
@@ -13,50 +35,14 @@ pub trait Critic: Send + Sync {
     fn initial(&self, stream: &mut Stream) -> Vec<f32>;
 
     /// Values of actions as `[sample][head]`.
-    fn forward(
-        &self,
-        parameters: &[f32],
-        view: &View<'_>,
-        actions: &[f32],
-        pass: &mut CriticPass,
-    ) -> Vec<f32>;
+    fn forward(&self, asked: &Question<'_>, pass: &mut CriticPass) -> Vec<f32>;
 
-    /// Runs slopes along the values of the last forward run back, to the parameters' gradient or else to the inputs.
-    fn backward(
-        &self,
-        parameters: &[f32],
-        view: &View<'_>,
-        slopes: &[f32],
-        pass: &mut CriticPass,
-        gradient: Option<&mut [f32]>,
-    );
+    /// Writes the parameters' gradient from slopes along the values of the last forward run.
+    fn backward(&self, asked: &Question<'_>, slopes: &[f32], pass: &mut CriticPass, gradient: &mut [f32]);
 
-    /// Slopes along the actions after a backward run to the inputs.
-    fn along_actions(&self, view: &View<'_>, pass: &CriticPass) -> Vec<f32>;
-
-    /// The cell's value if one vehicle had taken another action, for each vehicle and action: `[sample][vehicle][action]`. What
-    /// is the same for all actions of a vehicle may be left out.
-    fn alternatives(
-        &self,
-        parameters: &[f32],
-        view: &View<'_>,
-        actions: &[f32],
-        pass: &mut CriticPass,
-    ) -> Vec<f32>;
-
-    /// Slopes of the cell's value along every action.
-    fn action_slopes(
-        &self,
-        parameters: &[f32],
-        view: &View<'_>,
-        actions: &[f32],
-        pass: &mut CriticPass,
-    ) -> Vec<f32> {
-        let _values = self.forward(parameters, view, actions, pass);
-        let slopes = vec![1.0 / self.heads() as f32; view.samples() * self.heads()];
-        self.backward(parameters, view, &slopes, pass, None);
-        self.along_actions(view, pass)
-    }
+    /// What the cell's value gains by other actions, as `[sample][vehicle][action length]`: where actions are choices, the value if
+    /// one vehicle had taken each, up to what is the same for all of them; otherwise its slope along each of their values.
+    fn gains(&self, asked: &Question<'_>, pass: &mut CriticPass) -> Vec<f32>;
 }
 
 /// A batch on its way through a critic, which uses what it needs of it.

@@ -107,10 +107,10 @@ impl MaddpgLearner {
         });
         let hidden = &options.global_critic_hidden;
         let critic: Box<dyn Critic> = match options.global_critic {
-            CriticForm::Flat => Box::new(FlatCritic::new(vehicles, observed, space.length(), hidden)),
+            CriticForm::Flat => Box::new(FlatCritic::new(vehicles, observed, space, hidden)),
             CriticForm::Set => {
                 let (describe, sum) = (options.set_hidden, options.set_sum);
-                Box::new(SetCritic::new(space, known, describe, sum, hidden))
+                Box::new(SetCritic::new(space.length(), known, describe, sum, hidden))
             }
         };
         let twins = [(); 2].map(|()| Learned::new(critic.initial(&mut stream)));
@@ -321,7 +321,6 @@ fn begin_actors(actors: &mut Group, options: &Maddpg, space: ActionSpace) {
             .for_each(|weight| *weight *= options.last_layer_scale);
         if space.is_choice() {
             let biases = &mut parameters[biases.clone()];
-            biases.fill(0.0);
             biases[0] = options.silence_bias;
             for (action, bias) in biases.iter_mut().enumerate().skip(1) {
                 *bias = match (space, action) {

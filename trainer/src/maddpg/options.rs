@@ -75,12 +75,6 @@ keys! {
         /// Width of the sum of the global critic "set".
         #[key(range = 1.0..=4096.0, source = "chosen")]
         pub set_sum: usize,
-        /// How the critics' slopes reach the actors.
-        #[key(source = "the paper's gradient")]
-        pub gradient: GradientForm,
-        /// Temperature of the Gumbel softmax of the gradient "straight" for choices.
-        #[key(range = 1e-3..=1e3, source = "chosen")]
-        pub temperature: f32,
         /// Weight of the global term in the actors' gradient.
         #[key(source = "Algorithm 1")]
         pub global_weight: GlobalWeight,
@@ -204,14 +198,6 @@ choices! {
         Set = "set",
     }
 
-    /// How the critics' slopes reach the actors.
-    pub enum GradientForm {
-        /// Through the action itself: deterministic for continuous actions, straight through a Gumbel softmax for choices.
-        Straight = "straight",
-        /// The exact gradient over all actions of a choice, by what each would have been worth.
-        AllActions = "all-actions",
-    }
-
     /// Weight of the global term in the actors' gradient.
     pub enum GlobalWeight {
         /// 1, as printed. The global reward is a mean over vehicles, so a vehicle's part in it counts 1/V.
@@ -296,24 +282,16 @@ impl Maddpg {
         let choice = ActionSpace::from(self.action).is_choice();
         let continuous = "maddpg.action = \"sub-channel-and-power\"";
         let contradiction = |found: String, expected: &str| Err(Error::input("maddpg", found, expected));
-        if !choice && self.gradient == GradientForm::AllActions {
-            let found = format!("maddpg.gradient = \"all-actions\" with {continuous}");
-            return contradiction(
-                found,
-                "an action that is a choice, or maddpg.gradient = \"straight\"",
-            );
-        }
-        if !choice && self.global_critic == CriticForm::Set {
-            let found = format!("maddpg.global_critic = \"set\" with {continuous}");
-            return contradiction(
-                found,
-                "an action that is a choice, or maddpg.global_critic = \"flat\"",
-            );
-        }
         if self.action == OutputForm::SendingSubChannels {
             return contradiction(
                 "maddpg.action = \"sending-sub-channels\"".to_owned(),
                 "maddpg.action = \"sub-channels\" with maddpg.silence = false",
+            );
+        }
+        if self.action != OutputForm::Actions && self.global_critic == CriticForm::Set {
+            return contradiction(
+                "maddpg.global_critic = \"set\" with another maddpg.action than \"actions\"".to_owned(),
+                "maddpg.action = \"actions\", or maddpg.global_critic = \"flat\"",
             );
         }
         if !self.silence && self.action != OutputForm::SubChannels {

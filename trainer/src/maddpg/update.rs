@@ -3,15 +3,15 @@
 //! A batch moves the twin global critics towards `y_g = r_g + gamma min(Q'_1, Q'_2)`, and every `delay`-th time the local critics
 //! towards `y_l = r_l + gamma Q'_l` and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
 
-use super::critic::CriticPass;
+use super::critic::{CriticPass, Question};
 use super::group::Role;
 use super::learner::MaddpgLearner;
-use super::options::{GlobalWeight, GradientForm};
+use super::options::GlobalWeight;
 use super::replay::Batch;
 use super::set_critic::HEADS;
 use super::view::View;
 use crate::network::categorical::{
-    draw, entropy, entropy_slope, expectation, expectation_slopes, gumbel, largest, one_hot, probabilities,
+    draw, entropy, entropy_slope, expectation, expectation_slopes, one_hot, probabilities,
 };
 use crate::network::optimiser::{Learned, Step};
 use crate::network::perceptron::Rows;
@@ -124,16 +124,20 @@ impl MaddpgLearner {
         let now = batch.view(&self.extent, &batch.known);
         let next = batch.view(&self.extent, &batch.later);
         let [first, second] = &mut self.passes;
+        let later = self
+            .twins
+            .each_ref()
+            .map(|twin| Question::new(&twin.target, next, later));
         let (first_value, second_value) = rayon::join(
-            || critic.forward(&self.twins[0].target, &next, later, first),
-            || critic.forward(&self.twins[1].target, &next, later, second),
+            || critic.forward(&later[0], first),
+            || critic.forward(&later[1], second),
         );
         let mut targets = global_rewards(&now, &batch.rewards, heads);
         for (target, (a, b)) in targets.iter_mut().zip(first_value.iter().zip(&second_value)) {
             *target += discount * a.min(*b);
         }
         let improve = |learned: &mut Learned, pass: &mut CriticPass| {
-            let values = critic.forward(&learned.parameters, &now, &actions, pass);
+            let values = critic.forward(&Question::new(&learned.parameters, now, &actions), pass);
             let scale = 1.0 / values.len() as f32;
             let mut loss = 0.0;
             let slopes: Vec<f32> = values
@@ -146,7 +150,8 @@ impl MaddpgLearner {
                 })
                 .collect();
             learned.descend(gradients, step, options.gradient_clip, |parameters, gradient| {
-                critic.backward(parameters, &now, &slopes, pass, Some(gradient));
+                let asked = Question::new(parameters, now, &actions);
+                critic.backward(&asked, &slopes, pass, gradient);
             });
             loss
         };
@@ -224,7 +229,7 @@ impl MaddpgLearner {
             self.choice_slopes(&view, known, &outputs, scale, stream)
         } else {
             let actions: Vec<f32> = outputs.iter().map(|&output| libm::tanhf(output)).collect();
-            let mut slopes = self.gains(&view, known, &actions, false);
+            let mut slopes = self.gains(&view, known, &actions);
             for (index, (slope, action)) in slopes.iter_mut().zip(&actions).enumerate() {
                 let row = index / self.space.length();
                 // An absent vehicle's action teaches nothing.
@@ -254,58 +259,35 @@ impl MaddpgLearner {
         let length = self.space.length();
         let scores = outputs.chunks_exact(length);
         let softmax: Vec<f32> = scores.clone().flat_map(probabilities).collect();
-        let temperature = self.options.temperature;
         let mut chosen = Vec::with_capacity(outputs.len());
-        // The distribution that gains are weighed with, and how steeply it follows the scores.
-        let (gains, weights, steepness) = match self.options.gradient {
-            GradientForm::AllActions => {
-                scores.for_each(|scores| one_hot(draw(scores, stream), length, &mut chosen));
-                let gains = self.gains(view, known, &chosen, true);
-                (gains, softmax.clone(), 1.0)
-            }
-            GradientForm::Straight => {
-                let mut relaxed = Vec::with_capacity(outputs.len());
-                for scores in scores {
-                    let perturbed = gumbel(scores, stream);
-                    one_hot(largest(&perturbed), length, &mut chosen);
-                    let tempered: Vec<f32> = perturbed.iter().map(|p| p / temperature).collect();
-                    relaxed.extend(probabilities(&tempered));
-                }
-                let gains = self.gains(view, known, &chosen, false);
-                (gains, relaxed, 1.0 / temperature)
-            }
-        };
+        scores.for_each(|scores| one_hot(draw(scores, stream), length, &mut chosen));
+        let gains = self.gains(view, known, &chosen);
         let entropy_weight = interpolate(self.options.entropy, self.options.last_entropy, self.progress());
         let (mut slopes, mut total_entropy) = (vec![0.0; outputs.len()], 0.0);
         let vehicles = view.vehicles;
         let rows = (0..slopes.len() / length).filter(|row| view.takes_part(row / vehicles, row % vehicles));
         for row in rows {
             let place = row * length..(row + 1) * length;
-            let gain_slopes = expectation_slopes(&weights[place.clone()], &gains[place.clone()]);
             let softmax = &softmax[place.clone()];
+            let gain_slopes = expectation_slopes(softmax, &gains[place.clone()]);
             let spread = entropy(softmax);
             total_entropy += spread;
             let each = slopes[place].iter_mut().zip(gain_slopes).zip(softmax);
             for ((slope, gain_slope), &probability) in each {
                 let spread_slope = entropy_slope(probability, spread);
-                *slope = -scale * (steepness * gain_slope + entropy_weight * spread_slope);
+                *slope = -scale * (gain_slope + entropy_weight * spread_slope);
             }
         }
         self.losses.entropy += f64::from(total_entropy / taking_part(view.present));
         slopes
     }
 
-    /// What the critics say of actions, both weighted: how their values rise along each, or what every `alternative` would be worth.
-    fn gains(&mut self, view: &View<'_>, known: Rows<'_>, actions: &[f32], alternative: bool) -> Vec<f32> {
-        let (critic, first, pass) = (&self.critic, &self.twins[0].parameters, &mut self.passes[0]);
+    /// What the critics say of actions, both weighted: what every other choice would be worth, or how values rise along each.
+    fn gains(&mut self, view: &View<'_>, known: Rows<'_>, actions: &[f32]) -> Vec<f32> {
+        let (critic, pass) = (&self.critic, &mut self.passes[0]);
         let (space, critics) = (self.space, &self.local_critics);
-        let global = || {
-            if alternative {
-                critic.alternatives(first, view, actions, pass)
-            } else {
-                critic.action_slopes(first, view, actions, pass)
-            }
-        };
+        let asked = Question::new(&self.twins[0].parameters, *view, actions);
+        let global = || critic.gains(&asked, pass);
         let local = || {
             critics.as_ref().map(|critics| {
                 if space.is_choice() {
