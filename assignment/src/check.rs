@@ -9,9 +9,9 @@ use crate::link::Link;
 use crate::network::Network;
 use crate::{Objective, problem};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
-use std::path::Path;
 
 /// First line of a flow file.
 pub const HEADER: &str = "init_node,term_node,volume,cost";
@@ -203,18 +203,9 @@ pub fn format_flows(network: &Network, link_flows: &[f64], link_costs: &[f64]) -
 /// Reads the volumes of a flow file. Its costs are not believed, only checked to be numbers.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for another header, a missing column, a volume
+/// [`Error::Input`] naming the line for another header, a missing column, a volume
 /// that is no number, negative or infinite, a row that is not the network's next link, or too few or too many rows.
-pub fn read_flows(path: &Path, network: &Network) -> Result<Vec<f64>> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_flows(&path.display().to_string(), &text, network)
-}
-
-/// [`read_flows`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_flows`].
-pub fn parse_flows(name: &str, text: &str, network: &Network) -> Result<Vec<f64>> {
+pub fn read_flows(Text { name, text }: &Text, network: &Network) -> Result<Vec<f64>> {
     let rows = csv_rows(name, text, HEADER)?.map(|(place, line)| parse_row(place, line));
     volumes(name, rows, network)
 }

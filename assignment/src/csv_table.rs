@@ -1,7 +1,7 @@
 //! Tables with a header line, whose columns come in any order: every error names file, line and column.
 
 use kit::error::{Error, Result};
-use std::path::Path;
+use kit::files::Text;
 use std::str::FromStr;
 
 /// A table whose columns are found by name.
@@ -21,13 +21,7 @@ pub(crate) struct Row<'t> {
 }
 
 impl CsvTable {
-    pub(crate) fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        Self::parse(&path.display().to_string(), &text)
-    }
-
-    /// `name` stands for the file in errors.
-    pub(crate) fn parse(name: &str, text: &str) -> Result<Self> {
+    pub(crate) fn parse(Text { name, text }: &Text) -> Result<Self> {
         let broken = |failure: csv::Error| {
             let line = failure.position().map_or(1, csv::Position::line);
             let found = match failure.kind() {

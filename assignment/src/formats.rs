@@ -3,10 +3,15 @@
 use crate::coordinates::NodePlaces;
 use crate::{CostWeights, Demand, Network, gmns, sumo, tntp};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use std::path::{Path, PathBuf};
 
 /// How a TNTP network's file name ends, and how that of its nodes does.
 const TNTP_ENDINGS: (&str, &str) = ("_net.tntp", "_node.tntp");
+
+/// The files in a GMNS folder.
+const NODES: &str = "node.csv";
+const LINKS: &str = "link.csv";
 
 /// The format of a network: a folder is GMNS, a name that ends in `.xml` SUMO, any other file TNTP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,20 +59,24 @@ pub fn read(path: &Path, trips: Option<&Path>, weights: CostWeights) -> Result<(
     match format {
         Format::Gmns => {
             let trips = trips("a table o_zone_id,d_zone_id,volume for the GMNS network")?;
-            let network = gmns::read_network(path, weights)?;
-            let demand = gmns::read_demand(trips, &network)?;
+            let network = gmns::read_network(
+                &Text::read(&path.join(NODES))?,
+                &Text::read(&path.join(LINKS))?,
+                weights,
+            )?;
+            let demand = gmns::read_demand(&Text::read(trips)?, &network)?;
             Ok((network, demand))
         }
         Format::Sumo => {
             let trips = trips("SUMO trips or routes for the network file")?;
-            let network = sumo::read_network(path, &sumo::LaneModel::default(), weights)?;
-            let demand = network.read_trips(trips)?;
+            let network = sumo::read_network(&Text::read(path)?, &sumo::LaneModel::default(), weights)?;
+            let demand = network.read_trips(&Text::read(trips)?)?;
             Ok((network.network, demand))
         }
         Format::Tntp => {
             let trips = trips("a TNTP trip table for the network file")?;
-            let network = tntp::read_network(path, weights)?;
-            let demand = tntp::read_trips(trips, network.numbering().zones)?;
+            let network = tntp::read_network(&Text::read(path)?, weights)?;
+            let demand = tntp::read_trips(&Text::read(trips)?, network.numbering().zones)?;
             Ok((network, demand))
         }
     }
@@ -79,15 +88,15 @@ pub fn read(path: &Path, trips: Option<&Path>, weights: CostWeights) -> Result<(
 /// What is wrong with the file, or that there is none.
 pub fn read_places(path: &Path, nodes: Option<&Path>, network: &Network) -> Result<NodePlaces> {
     match (Format::of(path)?, nodes) {
-        (Format::Gmns, None) => gmns::read_places(path, network),
-        (Format::Sumo, None) => sumo::read_places(path, network),
-        (Format::Tntp, Some(nodes)) => tntp::read_places(nodes, network),
+        (Format::Gmns, None) => gmns::read_places(&Text::read(&path.join(NODES))?, network),
+        (Format::Sumo, None) => sumo::read_places(&Text::read(path)?, network),
+        (Format::Tntp, Some(nodes)) => tntp::read_places(&Text::read(nodes)?, network),
         (Format::Tntp, None) => {
             let beside = nodes_beside(path).ok_or_else(|| {
                 let expected = "a TNTP node file with the coordinates of every node";
                 Error::input("nodes", "none", expected)
             })?;
-            tntp::read_places(&beside, network)
+            tntp::read_places(&Text::read(&beside)?, network)
         }
         (_, Some(nodes)) => {
             let expected = "none: this network has its coordinates in itself";

@@ -18,9 +18,9 @@ use crate::demand::{Demand, Trip};
 use crate::link::{CostWeights, Link, NodeNumbering};
 use crate::network::{Names, Network};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use std::collections::HashMap;
 use std::fmt::Write as _;
-use std::path::Path;
 
 /// B of the Bureau of Public Roads.
 const BPR_B: f64 = 0.15;
@@ -33,32 +33,16 @@ const MINUTES_PER_HOUR: f64 = 60.0;
 /// The node type that may not be passed.
 const CENTROID: &str = "centroid";
 
-/// Reads `node.csv` and `link.csv` of a folder.
+/// Reads a `node.csv` and a `link.csv`.
 ///
 /// # Errors
-/// [`Error::File`] for a file that cannot be read; [`Error::Input`] naming file, line and column for a column that is
-/// missing, a field that does not fit, a node or zone given twice, a centroid without a zone, or a link between unknown
-/// nodes.
-pub fn read_network(folder: &Path, weights: CostWeights) -> Result<Network> {
-    let nodes = CsvTable::read(&folder.join("node.csv"))?;
-    let links = CsvTable::read(&folder.join("link.csv"))?;
-    network(&nodes, &links, weights)
-}
-
-/// [`read_network`] from memory; the files are `node.csv` and `link.csv` in errors.
-///
-/// # Errors
-/// As [`read_network`].
-pub fn parse_network(nodes: &str, links: &str, weights: CostWeights) -> Result<Network> {
-    let nodes = CsvTable::parse("node.csv", nodes)?;
-    let links = CsvTable::parse("link.csv", links)?;
-    network(&nodes, &links, weights)
-}
-
-fn network(nodes: &CsvTable, links: &CsvTable, weights: CostWeights) -> Result<Network> {
-    let (numbering, names) = number_nodes(nodes)?;
+/// [`Error::Input`] naming file, line and column for a column that is missing, a field that does not fit, a node or zone given
+/// twice, a centroid without a zone, or a link between unknown nodes.
+pub fn read_network(nodes: &Text, links: &Text, weights: CostWeights) -> Result<Network> {
+    let (nodes, links) = (CsvTable::parse(nodes)?, CsvTable::parse(links)?);
+    let (numbering, names) = number_nodes(&nodes)?;
     let numbers: HashMap<&str, u32> = names.nodes.iter().map(String::as_str).zip(1..).collect();
-    let links = read_links(links, &numbers, weights)?;
+    let links = read_links(&links, &numbers, weights)?;
     Network::new(numbering, links, weights)?.with_names(names)
 }
 
@@ -184,21 +168,10 @@ fn is_directed(row: Row<'_>, column: Option<usize>) -> Result<bool> {
 /// Reads a demand table for `network`, by the names of its zones.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming file, line and column for a column that is missing, an
-/// unknown zone, or a volume that is negative or no number.
-pub fn read_demand(path: &Path, network: &Network) -> Result<Demand> {
-    demand(&CsvTable::read(path)?, network)
-}
-
-/// [`read_demand`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_demand`].
-pub fn parse_demand(name: &str, text: &str, network: &Network) -> Result<Demand> {
-    demand(&CsvTable::parse(name, text)?, network)
-}
-
-fn demand(table: &CsvTable, network: &Network) -> Result<Demand> {
+/// [`Error::Input`] naming file, line and column for a column that is missing, an unknown zone, or a volume that is negative or no
+/// number.
+pub fn read_demand(text: &Text, network: &Network) -> Result<Demand> {
+    let table = CsvTable::parse(text)?;
     let (origin, destination) = (table.column("o_zone_id")?, table.column("d_zone_id")?);
     let volume = table.column("volume")?;
     let zones = network.zone_numbers();
@@ -272,14 +245,12 @@ pub fn format_demand(network: &Network, demand: &Demand) -> String {
     text
 }
 
-/// Reads the coordinates in the `node.csv` of a GMNS folder.
+/// Reads the coordinates in a `node.csv`.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] for missing columns `x_coord` and `y_coord`, and otherwise as
-/// [`crate::tntp::read_places`].
-pub fn read_places(folder: &Path, network: &Network) -> Result<NodePlaces> {
-    let path = folder.join("node.csv");
-    let table = CsvTable::read(&path)?;
+/// [`Error::Input`] for missing columns `x_coord` and `y_coord`, and otherwise as [`crate::tntp::read_places`].
+pub fn read_places(text: &Text, network: &Network) -> Result<NodePlaces> {
+    let table = CsvTable::parse(text)?;
     let [id, x, y] = [
         table.column("node_id")?,
         table.column("x_coord")?,
@@ -290,5 +261,5 @@ pub fn read_places(folder: &Path, network: &Network) -> Result<NodePlaces> {
         let coordinates = (row.text(Some(x)), row.text(Some(y)));
         collected.put(&row.place(), row.text(Some(id)), coordinates)?;
     }
-    collected.finish(&path.display().to_string())
+    collected.finish(&text.name)
 }

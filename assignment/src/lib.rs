@@ -73,6 +73,7 @@ mod xml;
 pub use assigner::Assigner;
 pub use demand::{Demand, Trip};
 pub use kit::error::{Error, Result};
+pub use kit::files::Text;
 pub use link::{CostWeights, Link, NodeNumbering};
 pub use network::{Names, Network};
 pub use path_flows::PathFlow;

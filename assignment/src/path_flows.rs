@@ -4,8 +4,8 @@ use crate::csv_rows::csv_rows;
 use crate::demand::Demand;
 use crate::network::Network;
 use kit::error::{Error, Result};
+use kit::files::Text;
 use std::fmt::{Display, Write as _};
-use std::path::Path;
 
 /// First line of a path file.
 pub const HEADER: &str = "origin,destination,volume,cost,links";
@@ -109,18 +109,9 @@ pub fn format_paths(network: &Network, path_flows: &[PathFlow], link_costs: &[f6
 /// Reads a path file. Its costs are not believed, nor looked at.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for another header, a missing column, a field
+/// [`Error::Input`] naming the line for another header, a missing column, a field
 /// that is no number, or a path that [`PathFlow::check`] refuses.
-pub fn read_paths(path: &Path, network: &Network) -> Result<Vec<PathFlow>> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_paths(&path.display().to_string(), &text, network)
-}
-
-/// [`read_paths`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_paths`].
-pub fn parse_paths(name: &str, text: &str, network: &Network) -> Result<Vec<PathFlow>> {
+pub fn read_paths(Text { name, text }: &Text, network: &Network) -> Result<Vec<PathFlow>> {
     let zones = network.zone_numbers();
     let mut path_flows = Vec::new();
     for (place, line) in csv_rows(name, text, HEADER)? {

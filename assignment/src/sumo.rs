@@ -10,8 +10,8 @@ use crate::link::{CostWeights, Link, NodeNumbering};
 use crate::network::{Names, Network};
 use crate::xml::{Element, Scan, elements};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use std::collections::HashMap;
-use std::path::Path;
 
 /// Functions of edges on which no trip starts or leads along by choice.
 const INNER_FUNCTIONS: [&str; 3] = ["internal", "crossing", "walkingarea"];
@@ -54,18 +54,13 @@ pub struct SumoNetwork {
 /// Reads a `net.xml` file.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for broken XML, another root than `<net>`, an
+/// [`Error::Input`] naming the line for broken XML, another root than `<net>`, an
 /// attribute that is missing or no number, an edge given twice, or one with a speed of 0.
-pub fn read_network(path: &Path, model: &LaneModel, weights: CostWeights) -> Result<SumoNetwork> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_network(&path.display().to_string(), &text, model, weights)
-}
-
-/// [`read_network`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_network`].
-pub fn parse_network(name: &str, text: &str, model: &LaneModel, weights: CostWeights) -> Result<SumoNetwork> {
+pub fn read_network(
+    Text { name, text }: &Text,
+    model: &LaneModel,
+    weights: CostWeights,
+) -> Result<SumoNetwork> {
     let mut edges: Vec<Edge> = Vec::new();
     let mut inside = false;
     elements(name, text, "net", &mut |scan| {
@@ -188,19 +183,10 @@ impl SumoNetwork {
     /// its own or the name of one. Each counts one vehicle per hour: a file is taken for an hour's trips.
     ///
     /// # Errors
-    /// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for broken XML, another root than
+    /// [`Error::Input`] naming the line for broken XML, another root than
     /// `<routes>`, an edge, junction or route that is not known, a vehicle without a route, or a `<flow>`, which is not
     /// read.
-    pub fn read_trips(&self, path: &Path) -> Result<Demand> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        self.parse_trips(&path.display().to_string(), &text)
-    }
-
-    /// [`read_trips`](Self::read_trips) from memory; `name` stands for the file in errors.
-    ///
-    /// # Errors
-    /// As [`read_trips`](Self::read_trips).
-    pub fn parse_trips(&self, name: &str, text: &str) -> Result<Demand> {
+    pub fn read_trips(&self, Text { name, text }: &Text) -> Result<Demand> {
         let junctions = self.network.zone_numbers();
         let mut routes: HashMap<String, (u32, u32)> = HashMap::new();
         let mut trips = Vec::new();
@@ -301,15 +287,13 @@ fn one_vehicle((origin, destination): (u32, u32)) -> Trip {
 ///
 /// # Errors
 /// As [`crate::tntp::read_places`], and for broken XML.
-pub fn read_places(path: &Path, network: &Network) -> Result<NodePlaces> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    let name = path.display().to_string();
+pub fn read_places(Text { name, text }: &Text, network: &Network) -> Result<NodePlaces> {
     let mut collected = Collected::new(network, LengthUnit::Metre);
-    elements(&name, &text, "net", &mut |scan| match scan {
+    elements(name, text, "net", &mut |scan| match scan {
         Scan::Open(element) if element.tag() == "junction" => put_junction(&mut collected, element),
         _ => Ok(()),
     })?;
-    collected.finish(&name)
+    collected.finish(name)
 }
 
 fn put_junction(collected: &mut Collected<'_>, element: &Element<'_>) -> Result<()> {

@@ -9,7 +9,7 @@ use crate::demand::{Demand, Trip};
 use crate::link::{CostWeights, Link, NodeNumbering, check_not_negative};
 use crate::network::Network;
 use kit::error::{Error, Result};
-use std::path::Path;
+use kit::files::Text;
 use std::str::FromStr;
 
 /// Columns of a link. `speed` and `link_type` do not enter an assignment and are not read.
@@ -28,19 +28,10 @@ const END: &str = "END OF METADATA";
 /// Reads a network file.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for metadata that is missing or not a number,
+/// [`Error::Input`] naming the line for metadata that is missing or not a number,
 /// a missing column, a number that is no number, negative or infinite, a node that does not exist, or another number of
 /// links than stated.
-pub fn read_network(path: &Path, weights: CostWeights) -> Result<Network> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_network(&path.display().to_string(), &text, weights)
-}
-
-/// [`read_network`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_network`].
-pub fn parse_network(name: &str, text: &str, weights: CostWeights) -> Result<Network> {
+pub fn read_network(Text { name, text }: &Text, weights: CostWeights) -> Result<Network> {
     let (metadata, body) = Metadata::parse(name, text)?;
     let numbering = NodeNumbering {
         zones: metadata.number(ZONES)?,
@@ -95,19 +86,10 @@ fn parse_link(place: &str, line: &str) -> Result<Link> {
 /// Reads a trip table for a network with `zones` zones.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for metadata that is missing, another number of
+/// [`Error::Input`] naming the line for metadata that is missing, another number of
 /// zones, a zone out of range, an entry that is not `destination : volume`, a volume that is negative or infinite, or
 /// trips whose sum is not the stated total.
-pub fn read_trips(path: &Path, zones: u32) -> Result<Demand> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_trips(&path.display().to_string(), &text, zones)
-}
-
-/// [`read_trips`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_trips`].
-pub fn parse_trips(name: &str, text: &str, zones: u32) -> Result<Demand> {
+pub fn read_trips(Text { name, text }: &Text, zones: u32) -> Result<Demand> {
     let (metadata, body) = Metadata::parse(name, text)?;
     let stated_zones: u32 = metadata.number(ZONES)?;
     let stated_total: f64 = metadata.number(TOTAL_FLOW)?;
@@ -274,18 +256,9 @@ fn shortened(line: &str) -> &str {
 /// Reads a TNTP node file: a heading, then a node's number and coordinates on each line, with a closing `;`.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Input`] naming the line for another number of columns, a node that does
+/// [`Error::Input`] naming the line for another number of columns, a node that does
 /// not exist or comes twice, or a coordinate that is no finite number; or naming a node that the file leaves out.
-pub fn read_places(path: &Path, network: &Network) -> Result<NodePlaces> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-    parse_places(&path.display().to_string(), &text, network)
-}
-
-/// [`read_places`] from memory; `name` stands for the file in errors.
-///
-/// # Errors
-/// As [`read_places`].
-pub fn parse_places(name: &str, text: &str, network: &Network) -> Result<NodePlaces> {
+pub fn read_places(Text { name, text }: &Text, network: &Network) -> Result<NodePlaces> {
     let mut collected = Collected::new(network, LengthUnit::Unknown);
     let lines = (1..).zip(text.lines().map(|line| line.trim().trim_end_matches(';').trim()));
     let content = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('~'));

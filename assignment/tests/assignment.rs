@@ -5,9 +5,9 @@
 
 use assignment::check::{self, evaluate};
 use assignment::grid::{Axis, Direction, Grid};
-use assignment::tntp::{parse_network, parse_trips, read_network, read_trips};
+use assignment::tntp::{read_network, read_trips};
 use assignment::{
-    Algorithm, CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, Solution, assign,
+    Algorithm, CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, Solution, Text, assign,
     assign_observed, demand::Trip,
 };
 use proptest::prelude::*;
@@ -41,9 +41,17 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 fn read(folder: &Path, name: &str, weights: CostWeights) -> (Network, Demand) {
-    let network = read_network(&folder.join(format!("{name}_net.tntp")), weights).unwrap();
+    let network = read_network(
+        &Text::read(&folder.join(format!("{name}_net.tntp"))).unwrap(),
+        weights,
+    )
+    .unwrap();
     let zones = network.numbering().zones;
-    let demand = read_trips(&folder.join(format!("{name}_trips.tntp")), zones).unwrap();
+    let demand = read_trips(
+        &Text::read(&folder.join(format!("{name}_trips.tntp"))).unwrap(),
+        zones,
+    )
+    .unwrap();
     (network, demand)
 }
 
@@ -388,7 +396,7 @@ fn the_judge_agrees_with_the_solver_and_sees_tampering() {
         };
         let solution = assign(&network, &demand, &options).unwrap();
         let text = check::format_flows(&network, &solution.link_flows, &solution.link_costs);
-        let mut link_flows = check::parse_flows("flows.csv", &text, &network).unwrap();
+        let mut link_flows = check::read_flows(&Text::new("flows.csv", &text), &network).unwrap();
         assert_eq!(link_flows, solution.link_flows);
         let judged = evaluate(&network, &demand, objective, &link_flows).unwrap();
         assert_close(judged.relative_gap / solution.relative_gap, 1.0, 1e-9);
@@ -460,7 +468,7 @@ Origin 1
 
 #[test]
 fn bad_networks_are_named_by_line() {
-    assert!(parse_network("net", NETWORK, CostWeights::default()).is_ok());
+    assert!(read_network(&Text::new("net", NETWORK), CostWeights::default()).is_ok());
     for (from, to, message) in [
         (
             "\t1\t3\t10\t1",
@@ -559,14 +567,14 @@ fn bad_networks_are_named_by_line() {
         ),
     ] {
         let text = NETWORK.replacen(from, to, 1);
-        let found = parse_network("net", &text, CostWeights::default()).unwrap_err();
+        let found = read_network(&Text::new("net", &text), CostWeights::default()).unwrap_err();
         assert_eq!(found.to_string(), message);
     }
 }
 
 #[test]
 fn bad_trips_are_named_by_line() {
-    let demand = parse_trips("trips", TRIPS, 2).unwrap();
+    let demand = read_trips(&Text::new("trips", TRIPS), 2).unwrap();
     assert_eq!(
         (demand.total(), demand.intrazonal(), demand.pairs()),
         (7.0, 2.0, 1)
@@ -633,16 +641,19 @@ fn bad_trips_are_named_by_line() {
             "trips: found trips that add up to 9, expected NaN, as <TOTAL OD FLOW> states",
         ),
     ] {
-        let found = parse_trips("trips", &TRIPS.replacen(from, to, 1), 2).unwrap_err();
+        let found = read_trips(&Text::new("trips", &TRIPS.replacen(from, to, 1)), 2).unwrap_err();
         assert_eq!(found.to_string(), message);
     }
 }
 
 #[test]
 fn bad_flow_files_are_named_by_line() {
-    let network = parse_network("net", NETWORK, CostWeights::default()).unwrap();
+    let network = read_network(&Text::new("net", NETWORK), CostWeights::default()).unwrap();
     let flows = "init_node,term_node,volume,cost\n1,3,7,5\n3,2,7,5\n";
-    assert_eq!(check::parse_flows("flows", flows, &network).unwrap(), [7.0, 7.0]);
+    assert_eq!(
+        check::read_flows(&Text::new("flows", flows), &network).unwrap(),
+        [7.0, 7.0]
+    );
     for (from, to, message) in [
         (
             "volume,cost",
@@ -676,7 +687,8 @@ fn bad_flow_files_are_named_by_line() {
             "flows:4: found one more row, expected 2 rows, one per link",
         ),
     ] {
-        let found = check::parse_flows("flows", &flows.replacen(from, to, 1), &network).unwrap_err();
+        let found =
+            check::read_flows(&Text::new("flows", &flows.replacen(from, to, 1)), &network).unwrap_err();
         assert_eq!(found.to_string(), message);
     }
 }

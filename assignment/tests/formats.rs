@@ -5,7 +5,7 @@
 
 use assignment::sumo::{LaneModel, SumoNetwork};
 use assignment::tntp::{read_network, read_trips};
-use assignment::{CostWeights, Network, Options, assign, check, gmns, sumo};
+use assignment::{CostWeights, Network, Options, Text, assign, check, gmns, sumo};
 use std::io::Write as _;
 use std::path::Path;
 
@@ -25,7 +25,11 @@ link_id,from_node_id,to_node_id,directed,geometry,length,free_speed,capacity,lan
 const DEMAND: &str = "o_zone_id,d_zone_id,volume\n10,20,100\n20,20,7\n";
 
 fn gmns_network(nodes: &str, links: &str) -> kit::error::Result<Network> {
-    gmns::parse_network(nodes, links, CostWeights::default())
+    gmns::read_network(
+        &Text::new("node.csv", nodes),
+        &Text::new("link.csv", links),
+        CostWeights::default(),
+    )
 }
 
 #[test]
@@ -50,14 +54,14 @@ fn gmns_is_read_with_its_own_names() {
         (6.0, 800.0, 1.5)
     );
     assert_eq!((links[2].b, links[2].power), (0.15, 4.0));
-    let demand = gmns::parse_demand("demand.csv", DEMAND, &network).unwrap();
+    let demand = gmns::read_demand(&Text::new("demand.csv", DEMAND), &network).unwrap();
     assert_eq!((demand.total(), demand.intrazonal()), (100.0, 7.0));
     let solution = assign(&network, &demand, &Options::default()).unwrap();
     assert_eq!(solution.link_flows, [100.0, 0.0, 100.0]);
     let text = check::format_flows(&network, &solution.link_flows, &solution.link_costs);
     assert!(text.contains("\nc7,a,100,") && text.contains("\na,b,100,"));
     assert_eq!(
-        check::parse_flows("flows", &text, &network).unwrap(),
+        check::read_flows(&Text::new("flows", &text), &network).unwrap(),
         solution.link_flows
     );
 }
@@ -66,12 +70,12 @@ fn gmns_is_read_with_its_own_names() {
 fn a_network_survives_the_way_through_gmns() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
     let weights = CostWeights::default();
-    let network = read_network(&folder.join("SiouxFalls_net.tntp"), weights).unwrap();
-    let demand = read_trips(&folder.join("SiouxFalls_trips.tntp"), 24).unwrap();
+    let network = read_network(&Text::read(&folder.join("SiouxFalls_net.tntp")).unwrap(), weights).unwrap();
+    let demand = read_trips(&Text::read(&folder.join("SiouxFalls_trips.tntp")).unwrap(), 24).unwrap();
     let again = gmns_network(&gmns::format_nodes(&network), &gmns::format_links(&network)).unwrap();
     assert_eq!(again.links(), network.links());
     assert_eq!(again.numbering(), network.numbering());
-    let trips = gmns::parse_demand("d", &gmns::format_demand(&network, &demand), &again).unwrap();
+    let trips = gmns::read_demand(&Text::new("d", &gmns::format_demand(&network, &demand)), &again).unwrap();
     assert!(trips.trips().eq(demand.trips()));
 }
 
@@ -165,7 +169,8 @@ fn bad_gmns_is_named_by_line_and_column() {
             "demand.csv:2: volume: found `nan`, expected a finite number, not negative",
         ),
     ] {
-        let failure = gmns::parse_demand("demand.csv", &DEMAND.replacen(from, to, 1), &network).unwrap_err();
+        let failure =
+            gmns::read_demand(&Text::new("demand.csv", &DEMAND.replacen(from, to, 1)), &network).unwrap_err();
         assert_eq!(failure.to_string(), message);
     }
 }
@@ -202,7 +207,11 @@ const ROUTES: &str = r#"<routes>
 "#;
 
 fn sumo_network(text: &str) -> kit::error::Result<SumoNetwork> {
-    sumo::parse_network("net", text, &LaneModel::default(), CostWeights::default())
+    sumo::read_network(
+        &Text::new("net", text),
+        &LaneModel::default(),
+        CostWeights::default(),
+    )
 }
 
 #[test]
@@ -216,7 +225,7 @@ fn sumo_is_read_with_its_own_names() {
     );
     assert_eq!((links[1].capacity, links[1].free_flow_time), (1800.0, 15.0));
     assert_eq!(sumo.network.node_name(3), "C");
-    let demand = sumo.parse_trips("routes", ROUTES).unwrap();
+    let demand = sumo.read_trips(&Text::new("routes", ROUTES)).unwrap();
     let trips: Vec<_> = demand
         .trips()
         .map(|trip| (trip.origin, trip.destination, trip.volume))
@@ -284,7 +293,7 @@ fn bad_sumo_files_are_named_by_line() {
         ),
     ] {
         let failure = sumo
-            .parse_trips("routes", &ROUTES.replacen(from, to, 1))
+            .read_trips(&Text::new("routes", &ROUTES.replacen(from, to, 1)))
             .unwrap_err();
         assert_eq!(failure.to_string(), message);
     }
@@ -294,7 +303,7 @@ fn bad_sumo_files_are_named_by_line() {
 fn a_pair_without_a_path_is_called_by_its_names() {
     let sumo = sumo_network(NET).unwrap();
     let back = "<routes><trip id=\"1\" depart=\"0\" fromJunction=\"C\" toJunction=\"A\"/></routes>";
-    let demand = sumo.parse_trips("routes", back).unwrap();
+    let demand = sumo.read_trips(&Text::new("routes", back)).unwrap();
     let failure = assign(&sumo.network, &demand, &Options::default()).unwrap_err();
     assert_eq!(
         failure.to_string(),
@@ -316,12 +325,17 @@ fn a_network_that_sumo_made_is_solved() {
         std::io::stderr().write_all(notice.as_bytes()).unwrap();
         return;
     }
-    let sumo = sumo::read_network(&net, &LaneModel::default(), CostWeights::default()).unwrap();
+    let sumo = sumo::read_network(
+        &Text::read(&net).unwrap(),
+        &LaneModel::default(),
+        CostWeights::default(),
+    )
+    .unwrap();
     assert_eq!(
         (sumo.network.links().len(), sumo.network.numbering().nodes),
         (48, 16)
     );
-    let demand = sumo.read_trips(&routes).unwrap();
+    let demand = sumo.read_trips(&Text::read(&routes).unwrap()).unwrap();
     let text = std::fs::read_to_string(&routes).unwrap();
     let vehicles = text
         .lines()

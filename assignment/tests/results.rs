@@ -4,13 +4,13 @@
 #![allow(clippy::unwrap_used)]
 
 use assignment::check::evaluate;
-use assignment::path_flows::{carry_demand, format_paths, link_flows, parse_paths};
+use assignment::path_flows::{carry_demand, format_paths, link_flows, read_paths};
 use assignment::select_link::{links_between, select_links};
 use assignment::skims::{format_skims, skims};
 use assignment::tntp::{read_network, read_trips};
 use assignment::{
-    Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlow, Solution, Stop, assign,
-    assign_from, convergence, demand::Trip,
+    Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlow, Solution, Stop, Text,
+    assign, assign_from, convergence, demand::Trip,
 };
 use std::path::{Path, PathBuf};
 
@@ -29,9 +29,17 @@ fn read(name: &str) -> (Network, Demand) {
             distance: 0.04,
         },
     };
-    let network = read_network(&fixture(&format!("{name}_net.tntp")), weights).unwrap();
+    let network = read_network(
+        &Text::read(&fixture(&format!("{name}_net.tntp"))).unwrap(),
+        weights,
+    )
+    .unwrap();
     let zones = network.numbering().zones;
-    let demand = read_trips(&fixture(&format!("{name}_trips.tntp")), zones).unwrap();
+    let demand = read_trips(
+        &Text::read(&fixture(&format!("{name}_trips.tntp"))).unwrap(),
+        zones,
+    )
+    .unwrap();
     (network, demand)
 }
 
@@ -139,7 +147,7 @@ fn path_files_are_read_as_they_were_written() {
     let solution = assign(&network, &demand, &options(1e-8)).unwrap();
     let text = format_paths(&network, &solution.path_flows, &solution.link_costs);
     assert_eq!(
-        parse_paths("paths", &text, &network).unwrap(),
+        read_paths(&Text::new("paths", &text), &network).unwrap(),
         solution.path_flows
     );
     let header = "origin,destination,volume,cost,links";
@@ -178,10 +186,10 @@ fn path_files_are_read_as_they_were_written() {
             "paths:2: links: found an end at node 1, expected the destination 2",
         ),
     ] {
-        let failure = parse_paths("paths", &format!("{header}\n{row}\n"), &network).unwrap_err();
+        let failure = read_paths(&Text::new("paths", &format!("{header}\n{row}\n")), &network).unwrap_err();
         assert_eq!(failure.to_string(), message);
     }
-    let failure = parse_paths("paths", "x\n", &network).unwrap_err();
+    let failure = read_paths(&Text::new("paths", "x\n"), &network).unwrap_err();
     assert_eq!(
         failure.to_string(),
         format!("paths:1: found `x`, expected `{header}`")

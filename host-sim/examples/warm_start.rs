@@ -7,7 +7,7 @@
 //!
 //! Times are CPU seconds of one thread; cold and warm solves alternate, so that both meet the same machine.
 
-use assignment::{Assigner, CostWeights, Network, Options, Solution, tntp};
+use assignment::{Assigner, CostWeights, Network, Options, Solution, Text, tntp};
 use host_sim::stream::{Purpose, Role, Stream, WorldKey};
 use kit::error::{Error, Result};
 use rustix::time::{ClockId, clock_gettime};
@@ -48,8 +48,8 @@ fn run(arguments: &[String]) -> Result<()> {
             return Err(Error::input("arguments", arguments.len(), expected));
         }
     };
-    let network = tntp::read_network(Path::new(net), weights)?;
-    let demand = tntp::read_trips(Path::new(trips), network.numbering().zones)?;
+    let network = tntp::read_network(&Text::read(Path::new(net))?, weights)?;
+    let demand = tntp::read_trips(&Text::read(Path::new(trips))?, network.numbering().zones)?;
     let options = Options {
         gap: GAP,
         threads: 1,

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use assignment::coordinates::{LengthUnit, NodePlaces};
-use assignment::tntp::{parse_places, read_network, read_trips};
-use assignment::{CostWeights, Demand, Link, Network, NodeNumbering};
+use assignment::tntp::{read_network, read_places, read_trips};
+use assignment::{CostWeights, Demand, Link, Network, NodeNumbering, Text};
 use firmware::table::Table;
 use host_sim::closed_loop::{LoopSummary, closed_loop};
 use host_sim::mobility::{MobilitySource as _, Road, StreetMap};
@@ -22,9 +22,13 @@ fn scenario() -> Scenario {
 
 fn sioux_falls() -> (Network, Demand) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assignment/tests/fixtures");
-    let network = read_network(&folder.join("SiouxFalls_net.tntp"), CostWeights::default()).unwrap();
+    let network = read_network(
+        &Text::read(&folder.join("SiouxFalls_net.tntp")).unwrap(),
+        CostWeights::default(),
+    )
+    .unwrap();
     let zones = network.numbering().zones;
-    let demand = read_trips(&folder.join("SiouxFalls_trips.tntp"), zones).unwrap();
+    let demand = read_trips(&Text::read(&folder.join("SiouxFalls_trips.tntp")).unwrap(), zones).unwrap();
     (network, demand)
 }
 
@@ -71,7 +75,7 @@ fn tntp_nodes_are_read_and_bad_ones_named_by_line() {
         first_thru_node: 1,
     };
     let network = Network::new(numbering, links.to_vec(), CostWeights::default()).unwrap();
-    let read = |text: &str| parse_places("nodes", text, &network);
+    let read = |text: &str| read_places(&Text::new("nodes", text), &network);
     let places = read("Node\tX\tY\t;\n2\t-3.5\t4\t;\n~ a comment\n\n1 0 1e3;\n").unwrap();
     assert_eq!(places.places, [(0.0, 1000.0), (-3.5, 4.0)]);
     for (text, message) in [

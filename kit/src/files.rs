@@ -1,4 +1,4 @@
-//! Output files appear whole or not at all.
+//! Texts with their names; output files appear whole or not at all.
 
 use crate::error::{Error, Result};
 use std::io::{ErrorKind, Write as _};
@@ -7,6 +7,35 @@ use tempfile::NamedTempFile;
 
 /// A file's name and contents.
 pub type NamedText = (String, String);
+
+/// A text with what errors call it.
+#[derive(Debug, Clone)]
+pub struct Text {
+    /// Usually the path of its file.
+    pub name: String,
+    /// All of it.
+    pub text: String,
+}
+
+impl Text {
+    /// A text from memory.
+    pub fn new(name: &str, text: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            text: text.to_owned(),
+        }
+    }
+
+    /// The text of a file.
+    ///
+    /// # Errors
+    /// [`Error::File`] if it cannot be read.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
+        let name = path.display().to_string();
+        Ok(Self { name, text })
+    }
+}
 
 /// Checks, before long work, that files can be written to a folder, which is made if missing.
 ///

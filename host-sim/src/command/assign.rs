@@ -12,6 +12,7 @@ use assignment::{
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use kit::say;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -177,7 +178,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     };
     let selection = outputs::Selection::new(arguments, network)?;
     let start_paths = match &arguments.warm {
-        Some(path) => Some(path_flows::read_paths(path, network)?),
+        Some(path) => Some(path_flows::read_paths(&Text::read(path)?, network)?),
         None => None,
     };
     let progress = (!arguments.json).then(Progress::new);

@@ -5,6 +5,7 @@ use assignment::Network;
 use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
 use kit::error::{Error, Result};
+use kit::files::Text;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::{Field, Row};
 use std::fs::File;
@@ -61,7 +62,7 @@ fn nodes(column: &str, network: &Network, numbers: impl Iterator<Item = u32> + C
 /// As [`check::read_flows`], and [`Error::Input`] for a file that is not Parquet, or has other columns.
 pub(super) fn read(path: &Path, network: &Network) -> Result<Vec<f64>> {
     if !is_parquet(path) {
-        return check::read_flows(path, network);
+        return check::read_flows(&Text::read(path)?, network);
     }
     let place = path.display().to_string();
     let file = File::open(path).map_err(|source| Error::file(path, source))?;
