@@ -122,22 +122,8 @@ pub struct Staleness {
     pub regret_per_trip: f64,
 }
 
-/// Compares planning on what is believed with planning on what is true. Give [`Planner`] instead where many ages meet
-/// one network: the stale flows do not depend on them.
-///
-/// # Errors
-/// As [`CapacityError::per_road`] and [`assign`].
-pub fn staleness(
-    network: &Network,
-    demand: &Demand,
-    ages: &[f64],
-    error: &CapacityError,
-    options: &Options,
-) -> Result<Staleness> {
-    Planner::new(network, demand, options)?.staleness(ages, error)
-}
-
-/// A base station with its belief of the network, and the flows it plans with it.
+/// A base station with its belief of the network, and the flows it plans with it: compares planning on what is believed with
+/// planning on what is true.
 #[derive(Debug, Clone)]
 pub struct Planner<'a> {
     network: &'a Network,

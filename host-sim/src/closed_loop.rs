@@ -323,41 +323,36 @@ fn mean_plan<'p>(plans: impl Iterator<Item = &'p Plan> + Clone) -> Plan {
     }
 }
 
+/// Each world's mean regret.
+fn regrets(worlds: &[&[Plan]]) -> Vec<f64> {
+    let means = worlds.iter().map(|plans| mean_plan(plans.iter()));
+    means.map(|plan| plan.regret_s_per_trip).collect()
+}
+
+/// One policy's result from its plans in every world.
+fn result(policy: Option<&'static Kind>, ages: Option<AgeSummary>, worlds: &[&[Plan]]) -> LoopResult {
+    let plans = 0..worlds.first().map_or(0, |plans| plans.len());
+    LoopResult {
+        policy,
+        ages,
+        mean: mean_plan(worlds.iter().copied().flatten()),
+        regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&regrets(worlds)).1,
+        beyond_freshest_s_per_trip: None,
+        over_time: plans
+            .map(|n| mean_plan(worlds.iter().map(|plans| &plans[n])))
+            .collect(),
+    }
+}
+
 fn summary(policies: &[&'static Kind], plan_slots: Vec<u32>, worlds: &[WorldLoop]) -> LoopSummary {
-    let over_time = |plans: &[&[Plan]]| -> Vec<Plan> {
-        (0..plan_slots.len())
-            .map(|n| mean_plan(plans.iter().map(|plans| &plans[n])))
-            .collect()
-    };
-    let ages = |index: usize| {
-        let ages: Vec<WorldAges> = worlds
-            .iter()
-            .map(|world| world.policies[index].0.clone())
-            .collect();
-        AgeSummary::new(&ages)
-    };
-    let regrets = |plans: &[&[Plan]]| -> Vec<f64> {
-        plans
-            .iter()
-            .map(|plans| mean_plan(plans.iter()).regret_s_per_trip)
-            .collect()
-    };
     let mut results: Vec<LoopResult> = Vec::new();
     let mut by_world: Vec<Vec<f64>> = Vec::new();
     for (index, &policy) in policies.iter().enumerate() {
-        let plans: Vec<&[Plan]> = worlds
-            .iter()
-            .map(|world| world.policies[index].1.as_slice())
-            .collect();
+        let each = worlds.iter().map(|world| &world.policies[index]);
+        let ages: Vec<WorldAges> = each.clone().map(|(ages, _)| ages.clone()).collect();
+        let plans: Vec<&[Plan]> = each.map(|(_, plans)| plans.as_slice()).collect();
         by_world.push(regrets(&plans));
-        results.push(LoopResult {
-            policy: Some(policy),
-            ages: ages(index),
-            mean: mean_plan(plans.iter().copied().flatten()),
-            regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&by_world[index]).1,
-            beyond_freshest_s_per_trip: None,
-            over_time: over_time(&plans),
-        });
+        results.push(result(Some(policy), AgeSummary::new(&ages), &plans));
     }
     let age = |result: &LoopResult| result.ages.as_ref().map_or(f64::INFINITY, |ages| ages.mean_ms);
     let freshest = (0..results.len()).min_by(|&a, &b| age(&results[a]).total_cmp(&age(&results[b])));
@@ -371,18 +366,8 @@ fn summary(policies: &[&'static Kind], plan_slots: Vec<u32>, worlds: &[WorldLoop
             result.beyond_freshest_s_per_trip = Some(AgeSummary::mean_and_interval(&beyond));
         }
     }
-    let plans: Vec<&[Plan]> = worlds
-        .iter()
-        .map(|world| world.full_knowledge.as_slice())
-        .collect();
-    results.push(LoopResult {
-        policy: None,
-        ages: None,
-        mean: mean_plan(plans.iter().copied().flatten()),
-        regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&regrets(&plans)).1,
-        beyond_freshest_s_per_trip: None,
-        over_time: over_time(&plans),
-    });
+    let full_knowledge: Vec<&[Plan]> = worlds.iter().map(|world| &*world.full_knowledge).collect();
+    results.push(result(None, None, &full_knowledge));
     let slopes: Vec<f64> = worlds.iter().filter_map(slope).collect();
     LoopSummary {
         plan_slots,

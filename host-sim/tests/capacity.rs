@@ -5,7 +5,7 @@
 
 use assignment::Options;
 use assignment::grid::Grid;
-use host_sim::capacity::{CapacityError, Planner, TrafficState, staleness};
+use host_sim::capacity::{CapacityError, Planner, TrafficState};
 
 fn options(gap: f64) -> Options {
     Options {
@@ -79,7 +79,9 @@ fn ages_that_differ_between_roads_cost_time() {
     let ages: Vec<f64> = (0..48).map(age).collect();
     assert_eq!(ages.iter().filter(|&&age| age > 0.0).count(), 24);
     let options = options(1e-12);
-    let outcome = staleness(&network, &demand, &ages, &error, &options).unwrap();
+    let outcome = Planner::new(&network, &demand, &options)
+        .and_then(|planner| planner.staleness(&ages, &error))
+        .unwrap();
     assert_close(outcome.informed.mean_volume_over_capacity, 0.761, 0.5e-3);
     assert_close(outcome.stale.mean_volume_over_capacity, 0.889, 0.5e-3);
     assert_close(

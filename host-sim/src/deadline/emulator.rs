@@ -8,8 +8,8 @@ use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::channel;
+use std::time::Duration;
 
 const EMULATOR: &str = "qemu-system-arm";
 /// For one answer; a loaded machine needs seconds.
@@ -73,18 +73,16 @@ pub fn measure(image: &Path, job: &[u8]) -> Result<Vec<String>> {
         &loader,
     ];
     let mut emulator = start(image, &arguments)?;
-    let output = reader(&mut emulator)?;
-    let mut text = Vec::new();
-    let deadline = Instant::now() + MEASURE_LIMIT;
-    loop {
-        match output.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-            Ok(bytes) => text.extend(bytes),
-            Err(RecvTimeoutError::Disconnected) => break,
-            Err(RecvTimeoutError::Timeout) => {
-                return Err(broken(format!("no end after {} s", MEASURE_LIMIT.as_secs())));
-            }
-        }
-    }
+    let mut output = emulator.0.stdout.take().ok_or_else(|| broken("no output"))?;
+    let (sender, receiver) = channel();
+    // Read by a thread of its own, so that waiting can end.
+    let _ = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        let _ = output.read_to_end(&mut text);
+        let _ = sender.send(text);
+    });
+    let too_long = |_| broken(format!("no end after {} s", MEASURE_LIMIT.as_secs()));
+    let text = receiver.recv_timeout(MEASURE_LIMIT).map_err(too_long)?;
     let lines: Vec<String> = String::from_utf8_lossy(&text)
         .lines()
         .map(str::to_owned)
@@ -94,21 +92,6 @@ pub fn measure(image: &Path, job: &[u8]) -> Result<Vec<String>> {
         Some(last) => Err(broken(last.trim_start_matches("failed: "))),
         None => Err(broken("no measurements")),
     }
-}
-
-/// What the emulator's standard output brings, read by a thread of its own, so that waiting can end.
-fn reader(emulator: &mut Emulator) -> Result<Receiver<Vec<u8>>> {
-    let mut output = emulator.0.stdout.take().ok_or_else(|| broken("no output"))?;
-    let (sender, receiver) = channel();
-    let _ = std::thread::spawn(move || {
-        let mut bytes = [0; 4096];
-        while let Ok(count @ 1..) = output.read(&mut bytes) {
-            if sender.send(bytes[..count].to_vec()).is_err() {
-                break;
-            }
-        }
-    });
-    Ok(receiver)
 }
 
 /// The deployed image's greatest stack in bytes over these frames, sent one after the other's answer.

@@ -4,6 +4,7 @@ use super::axis::{Kind, POLICY, SEED, text};
 use super::{Grid, Outcome, Point, Store};
 use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
+use serde_json::json;
 use toml::Value;
 
 /// What lies in the folders of a grid.
@@ -72,19 +73,23 @@ impl Merged {
             };
             if axis.key == POLICY || axis.key == SEED {
                 last.push(column);
-            } else if Outcome::EXTENT.iter().all(|(name, _)| *name != axis.key) {
+            } else if !Outcome::EXTENT.contains(&axis.key.as_str()) {
                 columns.push(column);
             }
         }
         columns.extend(last);
-        for (name, value) in Outcome::EXTENT {
+        let outcomes: Vec<_> = present().map(|(_, outcome)| json!(outcome)).collect();
+        for name in Outcome::EXTENT {
             columns.push(Column::unsigned(
                 name,
-                present().map(|(_, outcome)| value(outcome)),
+                outcomes.iter().map(|all| all[name].as_u64()),
             ));
         }
-        for (name, value) in Outcome::NUMBERS {
-            columns.push(Column::number(name, present().map(|(_, outcome)| value(outcome))));
+        for name in Outcome::NUMBERS {
+            columns.push(Column::number(
+                name,
+                outcomes.iter().map(|all| all[name].as_f64()),
+            ));
         }
         Table::new(columns)
     }
