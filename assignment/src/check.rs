@@ -205,9 +205,9 @@ pub fn format_flows(network: &Network, link_flows: &[f64], link_costs: &[f64]) -
 /// # Errors
 /// [`Error::Input`] naming the line for another header, a missing column, a volume
 /// that is no number, negative or infinite, a row that is not the network's next link, or too few or too many rows.
-pub fn read_flows(Text { name, text }: &Text, network: &Network) -> Result<Vec<f64>> {
-    let rows = csv_rows(name, text, HEADER)?.map(|(place, line)| parse_row(place, line));
-    volumes(name, rows, network)
+pub fn read_flows(text: &Text, network: &Network) -> Result<Vec<f64>> {
+    let rows = csv_rows(text, HEADER)?.map(|row| row.and_then(flow_row));
+    volumes(&text.name, rows, network)
 }
 
 /// One row of a flow file, its numbers checked.
@@ -255,15 +255,7 @@ pub fn volumes(
 }
 
 /// One row of a CSV.
-fn parse_row(place: String, line: &str) -> Result<FlowRow> {
-    let columns: Vec<&str> = line.split(',').map(str::trim).collect();
-    let &[init_node, term_node, volume, cost] = columns.as_slice() else {
-        return Err(Error::input(
-            place,
-            format!("{} columns", columns.len()),
-            format!("4: {HEADER}"),
-        ));
-    };
+fn flow_row((place, [init_node, term_node, volume, cost]): (String, [&str; 4])) -> Result<FlowRow> {
     let number = |name: &str, text: &str| {
         let value = text.parse::<f64>().ok();
         value

@@ -17,16 +17,11 @@ use crate::csv_table::{CsvTable, Row};
 use crate::demand::{Demand, Trip};
 use crate::link::{CostWeights, Link, NodeNumbering};
 use crate::network::{Names, Network};
+use crate::volume_delay::{BPR_B, BPR_POWER};
 use kit::error::{Error, Result};
 use kit::files::Text;
 use std::collections::HashMap;
 use std::fmt::Write as _;
-
-/// B of the Bureau of Public Roads.
-const BPR_B: f64 = 0.15;
-
-/// Power of the Bureau of Public Roads.
-const BPR_POWER: f64 = 4.0;
 
 const MINUTES_PER_HOUR: f64 = 60.0;
 

@@ -13,6 +13,7 @@
 use crate::demand::{Demand, Trip};
 use crate::link::{CostWeights, Link, NodeNumbering};
 use crate::network::Network;
+use crate::volume_delay::{BPR_B, BPR_POWER};
 use kit::error::{Error, Result};
 
 /// Most streets along either axis (chosen: a million intersections).
@@ -86,8 +87,8 @@ impl Default for Grid {
             free_flow_time_x: 18.0,
             free_flow_time_y: 31.0,
             capacity: 30.0,
-            b: 0.15,
-            power: 4.0,
+            b: BPR_B,
+            power: BPR_POWER,
             volume_per_pair: 1.0,
         }
     }

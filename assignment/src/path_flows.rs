@@ -111,15 +111,11 @@ pub fn format_paths(network: &Network, path_flows: &[PathFlow], link_costs: &[f6
 /// # Errors
 /// [`Error::Input`] naming the line for another header, a missing column, a field
 /// that is no number, or a path that [`PathFlow::check`] refuses.
-pub fn read_paths(Text { name, text }: &Text, network: &Network) -> Result<Vec<PathFlow>> {
+pub fn read_paths(text: &Text, network: &Network) -> Result<Vec<PathFlow>> {
     let zones = network.zone_numbers();
     let mut path_flows = Vec::new();
-    for (place, line) in csv_rows(name, text, HEADER)? {
-        let columns: Vec<&str> = line.split(',').map(str::trim).collect();
-        let &[origin, destination, volume, _cost, links] = columns.as_slice() else {
-            let found = format!("{} columns", columns.len());
-            return Err(Error::input(place, found, format!("5: {HEADER}")));
-        };
+    for row in csv_rows(text, HEADER)? {
+        let (place, [origin, destination, volume, _cost, links]) = row?;
         let bad = |column: &str, found: &str, expected: &str| {
             Error::input(format!("{place}: {column}"), format!("`{found}`"), expected)
         };

@@ -8,6 +8,7 @@ use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
 use crate::link::{CostWeights, Link, NodeNumbering};
 use crate::network::{Names, Network};
+use crate::volume_delay::{BPR_B, BPR_POWER};
 use crate::xml::{Element, Scan, elements};
 use kit::error::{Error, Result};
 use kit::files::Text;
@@ -36,8 +37,8 @@ impl Default for LaneModel {
     fn default() -> Self {
         Self {
             capacity: 1_800.0,
-            b: 0.15,
-            power: 4.0,
+            b: BPR_B,
+            power: BPR_POWER,
         }
     }
 }

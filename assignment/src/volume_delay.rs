@@ -6,6 +6,10 @@
 
 use crate::Objective;
 
+/// B and power where nobody says otherwise, the values of the Bureau of Public Roads.
+pub(crate) const BPR_B: f64 = 0.15;
+pub(crate) const BPR_POWER: f64 = 4.0;
+
 /// Generalised cost of one link as a function of its flow: `fixed + congestion x^power`.
 ///
 /// Total for every flow of at least 0: never panics, never decreases.
