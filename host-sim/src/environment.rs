@@ -428,6 +428,8 @@ impl<'s> Environment<'s> {
             worlds: self.worlds(),
             sub_channels: self.sub_channels(),
             presence: &self.presence,
+            elapsed: self.elapsed(),
+            associated_at: self.base_station.associated_at(),
             readings: self.sensing.readings(true_readings(
                 &self.channel,
                 &self.radio,
@@ -437,7 +439,7 @@ impl<'s> Environment<'s> {
         }
     }
 
-    fn knowledge(&self) -> Knowledge<'_> {
+    pub(crate) fn knowledge(&self) -> Knowledge<'_> {
         Knowledge {
             elapsed: self.elapsed(),
             worlds: self.worlds(),
@@ -446,6 +448,9 @@ impl<'s> Environment<'s> {
             associated_at: self.base_station.associated_at(),
             ages: &self.ages,
             receptions: self.radio.received(),
+            gains_db: self.all_senses().readings.gains_db,
+            large_scale_db: self.channel.large_scale_db(),
+            doppler_hz: self.channel.doppler_hz(),
             announcements: self.base_station.announcements(),
             vectors: self.vectors,
         }

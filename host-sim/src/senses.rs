@@ -83,6 +83,10 @@ pub(crate) struct AllSenses<'t> {
     pub(crate) worlds: usize,
     pub(crate) sub_channels: usize,
     pub(crate) presence: &'t Presence,
+    /// Slots since the start.
+    pub(crate) elapsed: u32,
+    /// Slot, counted from the start, in which each vehicle associated. `[vehicle][world]`.
+    pub(crate) associated_at: &'t Rows<u32>,
     pub(crate) readings: Readings<'t>,
 }
 
@@ -98,6 +102,8 @@ impl<'t> AllSenses<'t> {
             block,
             vehicle,
             here: self.presence.rows().map(|here| here.row(block, vehicle)),
+            elapsed: self.elapsed,
+            associated_at: self.associated_at,
             readings: self.readings,
         }
     }
@@ -123,6 +129,8 @@ pub struct Senses<'t> {
     block: usize,
     vehicle: usize,
     here: Option<&'t Row<u8>>,
+    elapsed: u32,
+    associated_at: &'t Rows<u32>,
     readings: Readings<'t>,
 }
 
@@ -166,6 +174,13 @@ impl Senses<'_> {
     #[inline(always)]
     pub fn is_present(&self, lane: usize) -> bool {
         self.here.is_none_or(|here| here[lane] > 0)
+    }
+
+    /// Whether the vehicle associates in this slot in a world of the row: it knows nothing of who had its index before, and has
+    /// sensed no slot yet.
+    #[inline(always)]
+    pub fn is_new(&self, lane: usize) -> bool {
+        self.associated_at.row(self.block, self.vehicle)[lane] == self.elapsed
     }
 
     /// The vehicle's age of information at the beginning of the slot, in slots.

@@ -4,7 +4,8 @@ use crate::base_station::Announcements;
 use crate::lanes::{Rows, Vectors};
 use crate::presence::Presence;
 
-/// What a base station knows without any signalling: who is associated, whom it received when, what it announces itself.
+/// What a base station knows: who is associated, whom it received when, what it announces itself, and how it hears its vehicles, as well as
+/// the scenario lets it.
 #[derive(Clone, Copy, Debug)]
 pub struct Knowledge<'t> {
     /// Slots since the start.
@@ -22,6 +23,14 @@ pub struct Knowledge<'t> {
     pub ages: &'t Rows<u8>,
     /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.
     pub receptions: &'t Rows<u8>,
+    /// Gain on every sub-channel in dB over noise at full power, as old and as inexact as the vehicles know it: from the reference
+    /// signals by which a base station sounds the uplink (3GPP TS 36.213 8.2). `[vehicle][sub_channel][world]`.
+    pub gains_db: &'t Rows<f32>,
+    /// Gain in dB without fast fading, which a base station measures over time. `[vehicle][world]`.
+    pub large_scale_db: &'t Rows<f32>,
+    /// Largest Doppler shift of each vehicle in Hz, which it measures over time as well, `[vehicle][world]`; `None` where fading is
+    /// new in every slot.
+    pub doppler_hz: Option<&'t Rows<f32>>,
     /// Groups and what is broadcast to them.
     pub announcements: &'t Announcements,
     /// The vector unit for loops over rows.

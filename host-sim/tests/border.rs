@@ -376,6 +376,10 @@ fn a_policy_from_elsewhere_moves_no_other() {
         ("aloha", 4),
         ("random", 5),
         ("always", 6),
+        ("assigned", 7),
+        ("grants", 8),
+        ("max-weight", 9),
+        ("sps", 10),
     ] {
         assert!(numbers.contains(&known), "{known:?}");
     }

@@ -80,6 +80,14 @@ impl Fading {
         }
     }
 
+    /// Largest Doppler shift of each vehicle in Hz, `[vehicle][world]`; `None` where fading is new in every slot.
+    pub fn doppler_hz(&self) -> Option<&Rows<f32>> {
+        match &self.source {
+            Source::Fresh(_) => None,
+            Source::Waves(waves) => Some(&waves.doppler_hz),
+        }
+    }
+
     /// Another vehicle takes a vehicle's index in one world.
     pub fn replace(&mut self, world: usize, vehicle: usize) {
         if let Source::Waves(waves) = &mut self.source {

@@ -123,6 +123,11 @@ impl<'s> Channel<'s> {
         &self.large_scale_db
     }
 
+    /// Largest Doppler shift of each vehicle in Hz, `[vehicle][world]`; `None` where fading is new in every slot.
+    pub fn doppler_hz(&self) -> Option<&Rows<f32>> {
+        self.fading.as_ref().and_then(Fading::doppler_hz)
+    }
+
     /// Gain of the slot on every sub-channel in dB, `[vehicle][sub_channel][world]`.
     pub fn gain_db(&self) -> &Rows<f32> {
         &self.gain_db

@@ -33,6 +33,8 @@ kinds! {
     clock
     assigned
     grants
+    max_weight
+    sps
     age_threshold
     aloha
     random
@@ -133,7 +135,7 @@ pub struct Kind {
     /// What it does, in one sentence.
     pub meaning: &'static str,
     /// Number of its random streams, one that no other policy has and that never changes, even if it draws nothing: no policy's
-    /// bytes depend on which others there are. 0 to 8 are taken.
+    /// bytes depend on which others there are. 0 to 10 are taken.
     pub stream: u32,
     /// What it does not work without.
     pub needs: Needs,

@@ -240,6 +240,12 @@ keys! {
         /// How many slots ahead dynamic grants are decided.
         #[key(range = 0.0..=99.0, unit = "slots", source = "3GPP TS 36.213 8: n + 4")]
         pub grant_delay_slots: u32,
+        /// Reservation period of semi-persistent scheduling over vehicles per sub-channel: 10 slots at 20 vehicles.
+        #[key(range = 0.1..=20.0, unit = "slots", source = "best found")]
+        pub sps_period_load: f64,
+        /// Probability that a vehicle keeps its resource when its count of reservations is used up.
+        #[key(range = 0.0..=0.8, source = "3GPP TS 36.331 6.3.8: 0 to 0.8, 0.8 chosen")]
+        pub sps_keep_probability: f64,
     }
 
     /// The section `traffic`.
