@@ -4,8 +4,8 @@ use crate::base_station::Announcements;
 use crate::lanes::{Rows, Vectors};
 use crate::presence::Presence;
 
-/// What a base station knows: who is associated, whom it received when, what it announces itself, and how it hears its vehicles, as well as
-/// the scenario lets it.
+/// What a base station knows: who is associated, whom it received when, what it announces itself, and how it would hear its
+/// vehicles, as well as the scenario lets it.
 #[derive(Clone, Copy, Debug)]
 pub struct Knowledge<'t> {
     /// Slots since the start.

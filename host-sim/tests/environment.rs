@@ -199,18 +199,25 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn no_slot_allocates() {
-    let (scenario, table) = (scenario(&[]), table());
-    for &policy in KINDS {
-        let mut environment = Environment::new(&scenario, &SOURCE, 1, Purpose::Evaluation, 0..40);
-        let mut decider = (policy.build)(&environment.setup(), &table);
-        let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
-        for _ in 0..150 {
-            run_slot(&mut environment, &mut decider, &mut decisions);
+    let late = [
+        "fading.follows_speed=true",
+        "knowledge.gain_delay_slots=4",
+        "knowledge.gain_error_db=2",
+    ];
+    for settings in [&[][..], &late] {
+        let (scenario, table) = (scenario(settings), table());
+        for &policy in KINDS {
+            let mut environment = Environment::new(&scenario, &SOURCE, 1, Purpose::Evaluation, 0..40);
+            let mut decider = (policy.build)(&environment.setup(), &table);
+            let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+            for _ in 0..150 {
+                run_slot(&mut environment, &mut decider, &mut decisions);
+            }
+            let before = ALLOCATIONS.get();
+            for _ in 0..250 {
+                run_slot(&mut environment, &mut decider, &mut decisions);
+            }
+            assert_eq!(ALLOCATIONS.get() - before, 0, "{} {settings:?}", policy.name);
         }
-        let before = ALLOCATIONS.get();
-        for _ in 0..250 {
-            run_slot(&mut environment, &mut decider, &mut decisions);
-        }
-        assert_eq!(ALLOCATIONS.get() - before, 0, "{}", policy.name);
     }
 }

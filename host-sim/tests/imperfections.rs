@@ -382,7 +382,7 @@ fn max_weight_is_as_good_as_what_is_known() {
     assert!(run("max-weight", 20, &["feedback.grant_loss=0.33"]).mean_ms > 5.0);
 }
 
-/// The independent simulator has 7.9 ms at this setting and extent, where vehicles sense by distance; half-duplex as here.
+/// The independent simulator has 7.91 ms at this setting and extent; its vehicles sense by distance, and are half-duplex as here.
 #[test]
 fn semi_persistent_vehicles_collide_and_do_not_hear_it() {
     let ages = run("sps", 64, &[]);

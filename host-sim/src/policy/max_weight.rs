@@ -128,8 +128,8 @@ impl MaxWeight {
     }
 }
 
-/// Points of a curve over fading in dB: from one thousandth of the mean power, below which there is a thousandth of all, to sixteen times
-/// it, above which there is next to nothing (chosen).
+/// Points of a curve over fading in dB: from a thousandth of the mean power, below which there is a thousandth of all fading, to
+/// sixteen times it, above which there is next to nothing (chosen).
 const POINTS: usize = 169;
 
 /// Fading of the first point.
@@ -146,19 +146,19 @@ const BLOCK_ERROR_STEPS: u32 = 8;
 
 /// How probably a transmission at full power is received, given what is known of its gain.
 ///
-/// With exact gains that is 0 or 1. A gain that is `delay` slots old and has an error is a measurement of the fading as it was:
+/// With exact gains that is 0 or 1. A gain that is some slots old and has an error is a measurement of the fading as it was:
 ///
-/// 1. What the fading was. By Bayes, from the error's normal density in dB around the measurement and from the Rayleigh fading that the
-///    large-scale gain lets expect. It rules out what the normal distribution function alone would believe: that a gain far above
-///    the mean is as probably too low as too high.
-/// 2. What it is now, given what it was: amplitudes that many slots apart are normal with the correlation rho = |J0(2 pi f_D delay)| (Clarke
-///    1968) at the vehicle's Doppler shift f_D, so that the power exceeds x times its mean with the probability Q1(sqrt(2 rho^2 h /
-///    (1 - rho^2)), sqrt(2 x / (1 - rho^2))), Marcum's function, where it was h times its mean. Where fading is new in every slot, rho
-///    is 0 and this is e^-x, whatever was measured.
-/// 3. Which x suffices. The required SINR; with the receiver's curve of block errors, and with other cells' bursts, it is one of several
-///    with their shares.
+/// 1. What the fading was: by Bayes, from the error's normal density in dB around the measurement and from the Rayleigh fading that
+///    the mean gain lets expect. The normal distribution function alone would believe a gain far above the mean to be as probably
+///    too low as too high.
+/// 2. What it is now: amplitudes some slots apart are jointly normal with the correlation rho = |J0(2 pi f delay)| (Clarke 1968) at
+///    the vehicle's Doppler shift f. Where the power was h times its mean, it now exceeds x times its mean with the probability
+///    Q1(sqrt(2 rho^2 h / (1 - rho^2)), sqrt(2 x / (1 - rho^2))), Marcum's function. Where fading is new in every slot, rho is 0 and
+///    this is e^-x, whatever was measured.
+/// 3. Which x suffices: the required SINR, or, with a curve of block errors and with other cells' bursts, one of several with their
+///    shares.
 ///
-/// Sub-channels are taken for themselves, though neighbouring ones may fade alike.
+/// Each sub-channel is taken for itself, though neighbouring ones may fade alike.
 struct Chances {
     /// Gain from which a vehicle is received, in dB, if there is one such gain.
     required_db: f32,
@@ -324,8 +324,8 @@ fn required_levels(scenario: &Scenario, required_db: f32) -> Vec<(f32, f32)> {
     levels
 }
 
-/// How probably the fading was at each point, given the measured point: Rayleigh fading, whose power h has in dB the density h e^-h up
-/// to a factor, and a normal error. `[point][measured point]`.
+/// How probably the fading was at each point, given the measured point: Rayleigh fading, whose power h has in dB a density
+/// proportional to h e^-h, and a normal error. `[point][measured point]`.
 fn posterior(deviation_db: f32) -> Vec<[f32; POINTS]> {
     let likelihood = |point: usize, measured: usize| {
         let deviations = f64::from(fading_db(point) - fading_db(measured)) / f64::from(deviation_db);
@@ -347,8 +347,8 @@ const MARCUM_STEPS: usize = 20;
 
 const MARCUM_ENTRIES: usize = MARCUM_END as usize * MARCUM_STEPS + 1;
 
-/// Marcum's function of order 1, `[first argument][second argument]`: how probably one Poisson number of mean b^2/2 is at most another of
-/// mean a^2/2.
+/// Marcum's function of order 1, `[first argument][second argument]`: how probably one Poisson number, of mean b^2/2, is at most
+/// another, of mean a^2/2.
 static MARCUM: LazyLock<Vec<[f32; MARCUM_ENTRIES]>> = LazyLock::new(|| {
     /// Numbers beyond have a probability below 1e-20 at a mean of 72.
     const MOST: u32 = 200;
