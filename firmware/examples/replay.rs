@@ -6,23 +6,24 @@
 
 use firmware::decision::Decision;
 use firmware::link::{Receiver, UnitMessage, encode};
+use firmware::lots::Identity;
 use firmware::session::{Request, Session};
 use firmware::tables::DISTILLED;
-use firmware::unit::{Unit, back_off};
+use firmware::unit::Unit;
 
-/// What a modem sent in slot 1007, as it was on the wire: a vehicle at home on sub-channel 1, in a group of seven, last
-/// acknowledged in slot 1000, with 31, 26.25 and 40.5 dB over noise at full power.
-const FRAME: [u8; 26] = [
-    1, 10, 239, 7, 128, 124, 128, 105, 128, 162, 1, 3, 128, 50, 11, 1, 232, 7, 1, 7, 54, 212, 228, 191, 105,
-    0,
+/// What a modem sent in slot 1007, as it was on the wire: a vehicle whose place in a ring of 22 is 7, which three sub-channels carry in
+/// this slot on sub-channel 1; last acknowledged in slot 1000, with 31, 26.25 and 40.5 dB over noise at full power.
+const FRAME: [u8; 40] = [
+    1, 14, 239, 7, 3, 128, 124, 128, 105, 128, 162, 1, 3, 132, 2, 9, 144, 3, 1, 232, 7, 1, 7, 1, 15, 22, 4,
+    128, 241, 4, 9, 1, 32, 128, 120, 200, 171, 138, 25, 0,
 ];
 
 /// What the unit answered.
 const ANSWER: [u8; 14] = [1, 7, 239, 7, 1, 1, 128, 120, 5, 132, 159, 192, 14, 0];
 
 fn main() {
-    // A unit with the table that is built in. The number seeds its back-off after a lost turn.
-    let mut session = Session::new(Unit::new(DISTILLED, back_off([1, 2, 3])));
+    // A unit with the table that is built in. Its lots follow from the number and the slot, so that the slot replays.
+    let mut session = Session::new(Unit::new(DISTILLED, Identity(7)));
     let requests: Vec<Request> = FRAME.iter().filter_map(|&byte| session.byte(byte)).collect();
     let [Request::Answer(answer)] = requests.as_slice() else {
         panic!("expected one answer, found {requests:?}");

@@ -1,34 +1,33 @@
-//! The AoI clock: a decentralised protocol in which a vehicle's own age is its clock.
+//! The ring clock: a protocol in which the slot's index tells every vehicle when its turn is.
 //!
-//! A vehicle sends on its home sub-channel whenever its age is a multiple of its group's period, so the group's members take
-//! turns without any message between them. After a fade it waits a whole period, which keeps its turn. A vehicle that has
-//! lost its turn joins anew: with the broadcast probability, drawn from its own fading, at one of four received levels,
-//! chosen low so that a vehicle in its turn captures the receiver.
+//! A vehicle sends at full power whenever a sub-channel carries its place, whatever its gain seems to be: the place is nobody else's, so
+//! silence in it is worth nothing. The base station also says in every slot which places are nobody's, and how great a priority it takes
+//! to contend there ([`Quantities::priority`](crate::observation::Quantities::priority)): whoever has that, by an old age or for want of
+//! a place, sends on the open sub-channel that it likes best, at one of four received levels, of which a higher one captures the receiver.
+//! It waits while an acknowledgement is under way. Where its own turn comes in the same slot, it contends only if it would not be received
+//! in its place. Where a vehicle without a place is received, it has found one.
 //!
 //! Networks imitate it, and a unit falls back on it in a slot without a measurement.
 
-use crate::decision::{Action, JOINER_LEVELS};
+use crate::decision::Action;
 use crate::observation::Observation;
 use crate::units::Level;
 
 /// What the clock does: the expert that networks imitate.
 pub fn act(observation: &Observation, required_sinr: Level) -> Action {
-    // Two strong vehicles on one turn would collide for ever: they part. Weak ones are more likely faded, and keep it.
     let known = observation.quantities();
-    let joins = known.turn_lost() || (known.overdue() && known.strong());
-    rule(observation, required_sinr, joins, known.thinned_uniform())
-}
-
-/// The clock's rule for a vehicle that is known to join anew, or not. If it does, it sends when `draw` is below 65536; the draw is
-/// then uniform, so it also chooses the level.
-pub(crate) fn rule(observation: &Observation, required_sinr: Level, joins: bool, draw: i32) -> Action {
-    if observation.home_gain() < required_sinr {
-        Action::Silent
-    } else if joins {
-        let level = (draw as usize).wrapping_mul(JOINER_LEVELS) >> 16;
-        Action::JOINERS.get(level).copied().unwrap_or(Action::Silent)
-    } else if observation.quantities().own_turn() {
+    let required = i32::from(required_sinr.to_bits());
+    let reaches = |gain: i32| (gain >= required) | (known.gains_hold == 0);
+    let contends =
+        known.is_called() & (known.sight.best >= 0) & reaches(known.sight.best_gain) & (known.awaits == 0);
+    let own_turn = !known.turn_lost() & known.own_turn();
+    if own_turn & (!contends | reaches(known.sight.own_gain)) {
         Action::FullPower
+    } else if contends {
+        Action::JOINERS
+            .get(known.level() as usize)
+            .copied()
+            .unwrap_or(Action::Silent)
     } else {
         Action::Silent
     }

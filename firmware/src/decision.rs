@@ -1,7 +1,7 @@
 //! From the network's output to a sub-channel and a power. Total: every output gives a legal decision.
 
-use crate::observation::Observation;
-use crate::units::{Dbm, Level, SUB_CHANNELS, SubChannel};
+use crate::observation::{Observation, PAPER_SUB_CHANNELS};
+use crate::units::{Dbm, Level, SubChannel};
 
 /// Number of joiner levels.
 pub const JOINER_LEVELS: usize = 4;
@@ -10,7 +10,7 @@ pub const JOINER_LEVELS: usize = 4;
 pub const ACTIONS: usize = 2 + JOINER_LEVELS;
 
 /// Number of choices of a vehicle that may send on any sub-channel ([`PowerPlan::sub_channel_choice`]).
-pub const SUB_CHANNEL_CHOICES: usize = 1 + 2 * SUB_CHANNELS;
+pub const SUB_CHANNEL_CHOICES: usize = 1 + 2 * PAPER_SUB_CHANNELS;
 
 /// What a vehicle may do in a slot; the index is the network's output row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,9 +19,10 @@ pub const SUB_CHANNEL_CHOICES: usize = 1 + 2 * SUB_CHANNELS;
 pub enum Action {
     /// Send nothing (0 W).
     Silent = 0,
-    /// Send on the home sub-channel at full power.
+    /// Send at full power where one's own place is.
     FullPower = 1,
-    /// Send on the home sub-channel so as to be received at the plan's first joiner level.
+    /// Send where the gain is largest of the sub-channels on which the vehicle may contend, so as to be received at the plan's first
+    /// joiner level.
     Joiner1 = 2,
     /// The same at the second level.
     Joiner2 = 3,
@@ -80,21 +81,28 @@ pub enum Decision {
 /// How actions become power. A table carries one, since its network was trained with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PowerPlan {
-    /// Full power.
-    pub max_power: Dbm,
     /// Levels, in dB over noise at the base station, at which joiners aim to be received; each captures the receiver
     /// from all lower ones together.
     pub joiner_levels: [Level; JOINER_LEVELS],
 }
 
 impl PowerPlan {
-    /// The decision that carries out `action`.
+    /// The decision that carries out `action`: silence where there is no sub-channel for it.
     pub fn decision(&self, action: Action, observation: &Observation) -> Decision {
-        let transmit = self.received_at(self.aim(action), observation.home(), observation.home_gain());
-        if action == Action::Silent {
-            Decision::Silent
+        let sight = &observation.quantities().sight;
+        let (sub_channel, gain) = if action == Action::FullPower {
+            (sight.own, sight.own_gain)
         } else {
-            transmit
+            (sight.best, sight.best_gain)
+        };
+        let aim = i32::from(self.aim(action).to_bits());
+        let power = power(observation.max_power(), gain, aim) as i16;
+        match SubChannel::new(sub_channel as u8) {
+            Some(sub_channel) if action != Action::Silent => Decision::Transmit {
+                sub_channel,
+                power: Dbm::from_bits(power),
+            },
+            _ => Decision::Silent,
         }
     }
 
@@ -106,44 +114,38 @@ impl PowerPlan {
         aims.get(action as usize).copied().unwrap_or(FULL_POWER)
     }
 
-    /// The power, in 1/256 dBm, to be received at the level `aim` by a base station that would receive full power at `gain`, both
-    /// in 1/256 dB: full power if that is not enough. The simulator calls it for a row of worlds, lane by lane.
-    #[inline(always)]
-    pub fn power(&self, gain: i32, aim: i32) -> i32 {
-        let reduction = gain.wrapping_sub(aim).clamp(0, i32::from(i16::MAX));
-        i32::from(self.max_power.to_bits())
-            .wrapping_sub(reduction)
-            .max(i32::from(i16::MIN))
-    }
-
-    /// The decision of a vehicle that may send on any sub-channel: 0 is silence, 1 to 3 full power on home and the sub-channels
-    /// after it, 4 to 6 the first joiner level there. What is larger is silence.
+    /// The decision of a vehicle that may send on any of [`PAPER_SUB_CHANNELS`]: 0 is silence, 1 to 3 full power on the sub-channels in
+    /// the order in which it sees them, 4 to 6 the first joiner level there. What is larger is silence, and so is a sub-channel that the cell does not have.
     pub fn sub_channel_choice(&self, choice: usize, observation: &Observation) -> Decision {
         let [first, ..] = self.joiner_levels;
         let sending = choice.wrapping_sub(1);
-        let (offset, aim) = if sending < SUB_CHANNELS {
+        let (offset, aim) = if sending < PAPER_SUB_CHANNELS {
             (sending, FULL_POWER)
         } else {
-            (sending.wrapping_sub(SUB_CHANNELS), first)
+            (sending.wrapping_sub(PAPER_SUB_CHANNELS), first)
         };
-        let gain = observation.gain().get(offset).copied();
-        let sub_channel = observation.home().after(offset);
-        let transmit = self.received_at(aim, sub_channel, gain.unwrap_or(Level::MIN));
-        if choice == 0 || choice >= SUB_CHANNEL_CHOICES {
-            Decision::Silent
-        } else {
-            transmit
+        let sub_channel = observation.seen_at(offset);
+        let gain = observation.gain().get(sub_channel.index()).copied();
+        let gain = i32::from(gain.unwrap_or(Level::MIN).to_bits());
+        let power = power(observation.max_power(), gain, i32::from(aim.to_bits()));
+        match observation.existing(sub_channel) {
+            Some(sub_channel) if choice > 0 && choice < SUB_CHANNEL_CHOICES => Decision::Transmit {
+                sub_channel,
+                power: Dbm::from_bits(power as i16),
+            },
+            _ => Decision::Silent,
         }
     }
+}
 
-    /// Sends so as to be received at the level `aim` by a base station that would receive full power at `gain`.
-    fn received_at(&self, aim: Level, sub_channel: SubChannel, gain: Level) -> Decision {
-        let power = self.power(i32::from(gain.to_bits()), i32::from(aim.to_bits()));
-        Decision::Transmit {
-            sub_channel,
-            power: Dbm::from_bits(power as i16),
-        }
-    }
+/// The power, in 1/256 dBm, to be received at the level `aim` by a base station that would receive full power at `gain`, both
+/// in 1/256 dB: full power if that is not enough. The simulator calls it for a row of worlds, lane by lane.
+#[inline(always)]
+pub fn power(max_power: Dbm, gain: i32, aim: i32) -> i32 {
+    let reduction = gain.wrapping_sub(aim).clamp(0, i32::from(i16::MAX));
+    i32::from(max_power.to_bits())
+        .wrapping_sub(reduction)
+        .max(i32::from(i16::MIN))
 }
 
 /// No level is above the largest, so aiming there takes full power.

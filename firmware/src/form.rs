@@ -1,6 +1,6 @@
 //! What a table's network sees and what its outputs mean. Each form takes the same instructions for every measurement.
 //!
-//! The shipped table has [`ObservationForm::HomeFirst`] and [`OutputForm::Actions`]; the others are for actors that were
+//! The shipped table has [`ObservationForm::Ring`] and [`OutputForm::Actions`]; the others are for actors that were
 //! trained in the paper's own form, or between the two.
 
 use crate::decision::{ACTIONS, Action, Decision, PowerPlan, SUB_CHANNEL_CHOICES, better};
@@ -15,10 +15,10 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum ObservationForm {
-    /// [`Observation::encode`]: home sub-channel first, with flags of the clock.
+    /// [`Observation::encode`]: how the ring's turn stands to the vehicle, for any number of sub-channels.
     #[serde(rename = "firmware")]
-    HomeFirst = 0,
-    /// [`Observation::encode_age_one_hot`]: nothing of the clock's phase.
+    Ring = 0,
+    /// [`Observation::encode_age_one_hot`]: nothing of the ring.
     AgeOneHot = 1,
     /// [`Observation::encode_paper`]: the paper's state.
     Paper = 2,
@@ -29,12 +29,12 @@ pub const MAX_INPUTS: usize = ONE_HOT_INPUTS;
 
 impl ObservationForm {
     /// All of them, by their codes in a table.
-    pub const ALL: [Self; 3] = [Self::HomeFirst, Self::AgeOneHot, Self::Paper];
+    pub const ALL: [Self; 3] = [Self::Ring, Self::AgeOneHot, Self::Paper];
 
     /// Number of inputs.
     pub const fn inputs(self) -> usize {
         match self {
-            Self::HomeFirst => INPUTS,
+            Self::Ring => INPUTS,
             Self::AgeOneHot => ONE_HOT_INPUTS,
             Self::Paper => PAPER_INPUTS,
         }
@@ -49,7 +49,7 @@ impl ObservationForm {
         then: impl FnOnce(&[i8]) -> T,
     ) -> T {
         match self {
-            Self::HomeFirst => then(&observation.encode(required_sinr)),
+            Self::Ring => then(&observation.encode(required_sinr)),
             Self::AgeOneHot => then(&observation.encode_age_one_hot(required_sinr)),
             Self::Paper => then(&observation.encode_paper()),
         }
@@ -119,7 +119,7 @@ impl OutputForm {
             }
             Self::SubChannels => plan.sub_channel_choice(largest(outputs, 0), observation),
             Self::SendingSubChannels => plan.sub_channel_choice(largest(outputs, 1), observation),
-            Self::SubChannelAndPower => sub_channel_and_power(first, second, plan.max_power),
+            Self::SubChannelAndPower => sub_channel_and_power(first, second, observation),
         }
     }
 }
@@ -143,11 +143,16 @@ const LEAST_POWER: u32 = 75 << 8;
 /// From here on, 16, neither sub-channel nor power changes.
 const LARGEST_OUTPUT: i32 = 16 * CONTINUOUS_ONE;
 
-fn sub_channel_and_power(a: i32, b: i32, max_power: Dbm) -> Decision {
+fn sub_channel_and_power(a: i32, b: i32, observation: &Observation) -> Decision {
     let index = u8::from(a > -THIRD).wrapping_add(u8::from(a >= THIRD));
     let reduction = reduction(b.clamp(-LARGEST_OUTPUT, LARGEST_OUTPUT));
-    let power = Dbm::from_bits(max_power.to_bits().saturating_sub_unsigned(reduction as u16));
-    match SubChannel::new(index) {
+    let power = Dbm::from_bits(
+        observation
+            .max_power()
+            .to_bits()
+            .saturating_sub_unsigned(reduction as u16),
+    );
+    match SubChannel::new(index).and_then(|sub_channel| observation.existing(sub_channel)) {
         Some(sub_channel) if reduction <= LEAST_POWER => Decision::Transmit { sub_channel, power },
         _ => Decision::Silent,
     }

@@ -1,15 +1,16 @@
 //! What the image would run, for people: the built-in table in words.
 
+use firmware::lots::Identity;
 use firmware::network::MAX_LAYERS;
 use firmware::table::Table;
 use firmware::tables::DISTILLED;
-use firmware::unit::{Unit, back_off};
+use firmware::unit::Unit;
 use std::process::ExitCode;
 
 /// Prints the built-in table; fails if a unit would refuse it.
 pub fn describe_built_in_table() -> ExitCode {
     // A unit and not the bare table, so that a build with logging logs what the image would.
-    let unit = Unit::new(DISTILLED, back_off([0; 3]));
+    let unit = Unit::new(DISTILLED, Identity(0));
     let outcome = match unit.table() {
         Ok(table) => {
             print!("{}", description(table));
@@ -68,19 +69,18 @@ fn description(table: &Table<'_>) -> String {
          size                {size} bytes, CRC-32 {checksum:#010x}\n\
          observation         {observation:?}\n\
          outputs             {outputs:?}\n\
-         trained for         up to {vehicles} vehicles\n\
+         trained for         up to {vehicles} vehicles on up to {sub_channels} sub-channels\n\
          training seed       {seed}\n\
          source revision     {revision}{modified}\n\
          scales              {scales} (inputs, then each layer)\n\
          required SINR       {sinr} dB\n\
-         full power          {power} dBm\n\
          joiner levels       {levels} dB over noise\n",
         size = table.bytes().len(),
         observation = table.observation_form(),
         outputs = table.output_form(),
         vehicles = table.max_vehicles(),
+        sub_channels = table.max_sub_channels().count(),
         seed = provenance.seed,
         sinr = table.required_sinr(),
-        power = plan.max_power.value(),
     )
 }

@@ -9,6 +9,7 @@
 //! ```
 //!
 //! * [`units`]: slot index, age, sub-channel, levels, power.
+//! * [`ring`]: whose turn it is. [`lots`]: private randomness that replays.
 //! * [`measurement`]: what the modem hands over in a slot, validated once.
 //! * [`observation`]: a measurement as the actor's int8 input; the normalisation lives there. [`reciprocal`](mod@reciprocal): division
 //!   without a divider.
@@ -25,8 +26,8 @@
 //! * [`telemetry`]: counters for people; never part of a decision.
 //!
 //! The library is `no_std`, allocates nothing and cannot panic on any validated input. It knows no base station, no
-//! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code; for rows of worlds the simulator has a network of its own, and calls the
-//! rest lane by lane.
+//! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code; for rows of worlds the
+//! simulator has a network of its own, and calls the rest lane by lane.
 //!
 //! # Features
 //! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). The image logs over RTT; a host
@@ -50,10 +51,12 @@ pub mod clock;
 pub mod decision;
 pub mod form;
 pub mod link;
+pub mod lots;
 pub mod measurement;
 pub mod network;
 pub mod observation;
 pub mod reciprocal;
+pub mod ring;
 pub mod session;
 pub mod slot_clock;
 pub mod table;

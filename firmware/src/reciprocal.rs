@@ -20,6 +20,17 @@ static RECIPROCAL: [i32; 257] = {
 };
 
 /// 65536 / `n` rounded up, for `n` in 1..=256; 0 outside.
+#[inline(always)]
 pub fn reciprocal(n: u16) -> i32 {
     RECIPROCAL.get(usize::from(n)).copied().unwrap_or(0)
+}
+
+/// 2^24 over a number of places: exact to 2^-16 up to 256, and 1/16 too large from there on. The same instructions for every number.
+#[inline(always)]
+pub fn places_reciprocal(places: u16) -> i32 {
+    // Two selections and one look-up, and no branch.
+    let exact = places <= 256;
+    let number = if exact { places } else { places >> 4 };
+    let shift = if exact { 8 } else { 4 };
+    reciprocal(number) << shift
 }

@@ -2,11 +2,11 @@
 //! the tests; a board adds a serial line, a timer and a flash.
 
 use crate::link::{ModemFrame, Receiver, UnitFrame, UnitMessage, UpdateFrame};
+use crate::lots::Identity;
 use crate::slot_clock::{SlotClock, SlotLength};
 use crate::telemetry::Telemetry;
 use crate::unit::{Event, MAX_MISSED, Report, Unit};
 use crate::units::SlotIndex;
-use rand_core::Rng;
 
 /// What a byte or a tick asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,17 +19,17 @@ pub enum Request {
 
 /// A unit with its line, its clock and its counters.
 #[derive(Clone, Debug)]
-pub struct Session<'t, R> {
+pub struct Session<'t> {
     receiver: Receiver,
-    unit: Unit<'t, R>,
+    unit: Unit<'t>,
     clock: SlotClock,
     telemetry: Telemetry,
     timer_restarts: bool,
 }
 
-impl<'t, R: Rng> Session<'t, R> {
+impl<'t> Session<'t> {
     /// A session before its first frame.
-    pub fn new(unit: Unit<'t, R>) -> Self {
+    pub fn new(unit: Unit<'t>) -> Self {
         Self {
             receiver: Receiver::default(),
             unit,
@@ -73,7 +73,7 @@ impl<'t, R: Rng> Session<'t, R> {
     }
 
     /// The unit.
-    pub const fn unit(&self) -> &Unit<'t, R> {
+    pub const fn unit(&self) -> &Unit<'t> {
         &self.unit
     }
 
@@ -93,6 +93,10 @@ impl<'t, R: Rng> Session<'t, R> {
             ModemFrame::SlotLength { microseconds } => {
                 self.clock.set_length(SlotLength::new(microseconds)?);
                 self.timer_restarts = true;
+                Some(None)
+            }
+            ModemFrame::Identity { number } => {
+                self.unit.set_identity(Identity(number));
                 Some(None)
             }
             ModemFrame::Update(step) => Some(Some(Request::Update(step))),

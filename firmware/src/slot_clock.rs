@@ -11,8 +11,9 @@ use crate::units::SlotIndex;
 
 /// Quarters of a slot.
 const QUARTERS: u32 = 4;
-/// How much later than expected a frame may be, in quarters of a slot (chosen). A frame and its answer take 0.61 ms on the
-/// line, so of a 1 ms slot 0.39 ms are left: 0.25 for the delay, and 0.14, 23,500 cycles at 168 MHz, for the decision.
+/// How much later than expected a frame may be, in quarters of a slot (chosen). A frame of 8 sub-channels and its answer take 0.55 ms on the
+/// line, so of a 1 ms slot 0.45 ms are left: 0.25 for the delay, and 0.2, 33,600 cycles at 168 MHz, for the decision. With 16
+/// sub-channels 0.21 ms are left for both, so that only a frame that comes on time is answered in its slot.
 pub const GRACE_QUARTERS: u32 = 1;
 /// The longest tick in microseconds (chosen): SysTick counts 99 ms at most at 168 MHz, and ticks feed the watchdog.
 pub const MAX_TICK_MICROSECONDS: u32 = 50_000;

@@ -7,13 +7,13 @@
 //! | offset | type | field |
 //! |---|---|---|
 //! | 0 | 4 bytes | magic `FLAT` |
-//! | 4 | u16 | version, 2 |
+//! | 4 | u16 | version, 3 |
 //! | 6 | u8 | number of dense layers, 1 to [`MAX_LAYERS`] |
-//! | 7 | u8 | sub-channels, 3 |
+//! | 7 | u8 | most sub-channels of a cell that it serves |
 //! | 8 | u32 | length of the whole table with its checksum |
 //! | 12 | u16 | most vehicles in the cell it was trained for |
 //! | 14 | i16 | required SINR in 1/256 dB |
-//! | 16 | i16 | full power in 1/256 dBm |
+//! | 16 | 2 bytes | 0 |
 //! | 18 | 4 x i16 | joiner levels in 1/256 dB over noise |
 //! | 26 | u8 | what the network sees: code of an [`ObservationForm`] |
 //! | 27 | u8 | what its outputs mean: code of an [`OutputForm`] |
@@ -49,14 +49,15 @@
 use crate::decision::{JOINER_LEVELS, PowerPlan};
 use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
 use crate::network::{MAX_LAYERS, MAX_WIDTH, Network, ReadError};
-use crate::units::{Dbm, Level, SUB_CHANNELS};
+use crate::observation::PAPER_SUB_CHANNELS;
+use crate::units::{Level, MAX_SUB_CHANNELS, SubChannels};
 use core::fmt::{Display, Formatter, from_fn};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// First bytes of a table.
 pub const MAGIC: [u8; 4] = *b"FLAT";
 /// The format's version.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// Bytes before the first layer.
 pub const HEADER_LEN: usize = 88;
 
@@ -184,6 +185,7 @@ pub struct Table<'t> {
     observation_form: ObservationForm,
     output_form: OutputForm,
     max_vehicles: u16,
+    max_sub_channels: SubChannels,
     required_sinr: Level,
     power_plan: PowerPlan,
     provenance: Provenance,
@@ -230,13 +232,17 @@ impl<'t> Table<'t> {
             return Err(TableError::Checksum { stored, computed });
         }
 
-        expect("sub_channels", i32::from(sub_channels), SUB_CHANNELS as i32)?;
+        let sub_channels = SubChannels::new(usize::from(sub_channels)).ok_or(ReadError::field(
+            "sub_channels",
+            i32::from(sub_channels),
+            MAX_SUB_CHANNELS as i32,
+        ))?;
         if layers == 0 || usize::from(layers) > MAX_LAYERS {
             return Err(ReadError::field("layers", i32::from(layers), MAX_LAYERS as i32).into());
         }
         let max_vehicles = reader.u16()?;
         let required_sinr = reader.level()?;
-        let max_power = Dbm::from_bits(reader.level()?.to_bits());
+        expect("reserved", i32::from(reader.u16()?), 0)?;
         let mut joiner_levels = [Level::ZERO; JOINER_LEVELS];
         for level in &mut joiner_levels {
             *level = reader.level()?;
@@ -290,11 +296,9 @@ impl<'t> Table<'t> {
             observation_form,
             output_form,
             max_vehicles,
+            max_sub_channels: sub_channels,
             required_sinr,
-            power_plan: PowerPlan {
-                max_power,
-                joiner_levels,
-            },
+            power_plan: PowerPlan { joiner_levels },
             provenance: Provenance {
                 seed,
                 revision,
@@ -317,6 +321,22 @@ impl<'t> Table<'t> {
     /// The most vehicles in a cell that the network was trained for.
     pub const fn max_vehicles(&self) -> u16 {
         self.max_vehicles
+    }
+
+    /// The most sub-channels of a cell that the network was trained for.
+    pub const fn max_sub_channels(&self) -> SubChannels {
+        self.max_sub_channels
+    }
+
+    /// Whether the network can decide in a cell of so many sub-channels: in any up to [`Table::max_sub_channels`], or in those of
+    /// [`PAPER_SUB_CHANNELS`] alone if it sees or chooses them one by one.
+    pub fn serves(&self, sub_channels: SubChannels) -> bool {
+        let any = self.observation_form == ObservationForm::Ring && self.output_form == OutputForm::Actions;
+        if any {
+            sub_channels.count() <= self.max_sub_channels.count()
+        } else {
+            sub_channels.count() == PAPER_SUB_CHANNELS
+        }
     }
 
     /// The level at which a lone transmission succeeds.

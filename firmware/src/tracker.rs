@@ -1,7 +1,6 @@
 //! Follows a vehicle's large-scale gain, so that a level can be predicted when a measurement is missing.
 
-use crate::units::{Level, SUB_CHANNELS};
-use fixed::traits::LossyInto;
+use crate::units::Level;
 use nalgebra::{Matrix2, RowVector2, Vector2};
 
 /// A steady-state Kalman filter over (level in dB, change in dB per slot).
@@ -28,11 +27,17 @@ const OBSERVED: RowVector2<f32> = RowVector2::new(1.0, 0.0);
 const TRANSITION: Matrix2<f32> = Matrix2::new(1.0, 1.0, 0.0, 1.0);
 
 impl LevelTracker {
+    /// Before the first measurement.
+    pub const fn new() -> Self {
+        Self { state: None }
+    }
+
     /// Takes in one slot's measured levels.
     #[allow(clippy::arithmetic_side_effects, reason = "floating point")]
-    pub fn measure(&mut self, gain: &[Level; SUB_CHANNELS]) {
-        let sum: f32 = gain.iter().map(|&level| -> f32 { level.lossy_into() }).sum();
-        let mean = sum / SUB_CHANNELS as f32;
+    pub fn measure(&mut self, gain: &[Level]) {
+        // In steps, whose sum is exact: the conversion of `Level` takes longer for some levels than for others.
+        let sum: i32 = gain.iter().map(|level| i32::from(level.to_bits())).sum();
+        let mean = sum as f32 / (gain.len().max(1) as f32 * STEPS_PER_DB);
         self.state = Some(match self.state {
             None => Vector2::new(mean, 0.0),
             Some(state) => {

@@ -18,28 +18,29 @@
 //!   nothing and gets no decision. A vehicle never sends twice in a slot.
 //! * **Restarted modem**: an index that jumps back further starts a new count.
 //! * **Wrapping index**: differences alone count, so the wrap is a slot like any other.
-//! * **Saturating age**: from [`Age::MAX`] on an age stays there; the turn is lost and the unit joins anew.
+//! * **Silent cell**: a unit that is not received for long loses a turn that it found, and contends anew; its place, if it was handed
+//!   out, it keeps.
 //! * **Corrupt frames, floods**: end in [`crate::link::Receiver`]; none becomes an event. Their slots are missing ones.
 //! * **Failing table**: silence from the first slot on, until [`Unit::replace_table`] brings a good one.
 //!
-//! In every state the decision is legal: silent, or one existing sub-channel with at most the table's full power.
+//! In every state the decision is legal: silent, or one of the cell's sub-channels with at most the power that the base station broadcast.
 
 use crate::actor::Actor;
 use crate::clock;
 use crate::decision::{Action, Decision};
 use crate::fmt::{log_info, log_warning};
-use crate::measurement::{Broadcast, Measurement, age_at};
+use crate::lots::Identity;
+use crate::measurement::{Broadcast, Measurement, Place, age_at};
 use crate::network::ReadError;
 use crate::observation::Observation;
+use crate::ring::Open;
 use crate::table::{Table, TableError};
 use crate::tracker::LevelTracker;
-use crate::units::{Age, SlotIndex};
-use rand_core::Rng;
-use rand_pcg::Pcg32;
+use crate::units::{Level, SlotIndex};
 
-/// Slots without a measurement after which a unit stays silent: what it knows of its channel and its turn is older than
-/// the longest age.
-pub const MAX_MISSED: u8 = Age::MAX.slots();
+/// Slots without a measurement after which a unit stays silent: by then a vehicle has moved by more than a metre, and its broadcast
+/// may be out of date (chosen: the paper's time constraint).
+pub const MAX_MISSED: u8 = 100;
 
 /// What a slot brings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +67,7 @@ impl Event {
 pub enum State {
     /// The actor decides on a measurement.
     Nominal,
-    /// The measurement is missing: the unit keeps its turn and backs off as a joiner.
+    /// The measurement is missing: the unit keeps its turn by the clock's rule.
     Degraded,
     /// The unit sends nothing.
     Silent(Silence),
@@ -93,22 +94,16 @@ pub struct Report {
     pub state: State,
 }
 
-/// The back-off generator of the device with this 96-bit identity. Chips of one wafer share the upper words (lot and wafer)
-/// and differ in the first (position), which is in the seed's low half: one step of the generator spreads it.
-pub fn back_off(device: [u32; 3]) -> Pcg32 {
-    let [first, second, third] = device;
-    Pcg32::new(u64::from(second) << 32 | u64::from(first), u64::from(third))
-}
-
-/// A vehicle's unit. `R` drives the fallback's back-off; nominal decisions use no generator.
+/// A vehicle's unit. All its randomness are the lots of its [`Identity`].
 ///
 /// ```
 /// use firmware::decision::Decision;
 /// use firmware::tables::DISTILLED;
-/// use firmware::unit::{Event, Unit, back_off};
+/// use firmware::lots::Identity;
+/// use firmware::unit::{Event, Unit};
 /// use firmware::units::SlotIndex;
 ///
-/// let mut unit = Unit::new(DISTILLED, back_off([1, 2, 3]));
+/// let mut unit = Unit::new(DISTILLED, Identity::of_device([1, 2, 3]));
 /// // The modem measured nothing yet: a unit that knows nothing stays silent.
 /// let report = unit.slot(&Event::Missed(SlotIndex(7)));
 /// assert!(report.is_some_and(|report| report.decision == Decision::Silent));
@@ -116,9 +111,9 @@ pub fn back_off(device: [u32; 3]) -> Pcg32 {
 /// assert_eq!(unit.slot(&Event::Missed(SlotIndex(7))), None);
 /// ```
 #[derive(Clone, Debug)]
-pub struct Unit<'t, R> {
+pub struct Unit<'t> {
     actor: Result<Actor<'t>, TableError>,
-    back_off: R,
+    identity: Identity,
     tracker: LevelTracker,
     known: Option<Known>,
     missed: u8,
@@ -129,27 +124,28 @@ pub struct Unit<'t, R> {
 #[derive(Clone, Copy, Debug)]
 struct Known {
     last_acknowledged: Option<SlotIndex>,
+    place: Option<Place>,
     broadcast: Broadcast,
 }
 
-impl<'t, R: Rng> Unit<'t, R> {
+impl<'t> Unit<'t> {
     /// A unit that runs the table in `bytes`. With a damaged or foreign table it stays silent until it gets another one, and
     /// says why ([`Unit::table`]).
-    pub fn new(bytes: &'t [u8], back_off: R) -> Self {
-        let mut unit = Self::without_table(back_off);
+    pub fn new(bytes: &'t [u8], identity: Identity) -> Self {
+        let mut unit = Self::without_table(identity);
         unit.replace_table(bytes);
         unit
     }
 
     /// A unit that stays silent until it is given a table.
-    pub fn without_table(back_off: R) -> Self {
+    pub const fn without_table(identity: Identity) -> Self {
         Self {
             actor: Err(TableError::Read(ReadError::Truncated {
                 found: 0,
                 expected: 0,
             })),
-            back_off,
-            tracker: LevelTracker::default(),
+            identity,
+            tracker: LevelTracker::new(),
             known: None,
             missed: 0,
             slot: None,
@@ -167,6 +163,11 @@ impl<'t, R: Rng> Unit<'t, R> {
         }
     }
 
+    /// Draws its lots under this identity from the next slot on.
+    pub const fn set_identity(&mut self, identity: Identity) {
+        self.identity = identity;
+    }
+
     /// The last decided slot.
     pub const fn last_slot(&self) -> Option<SlotIndex> {
         self.slot
@@ -175,6 +176,11 @@ impl<'t, R: Rng> Unit<'t, R> {
     /// The table, or why there is none.
     pub fn table(&self) -> Result<&Table<'t>, TableError> {
         self.actor.as_ref().map(Actor::table).map_err(|error| *error)
+    }
+
+    /// The level at which the unit expects to be received at full power on any sub-channel, or `None` before its first measurement.
+    pub fn level(&self) -> Option<Level> {
+        self.tracker.predicted()
     }
 
     /// Decides one slot. `None` if the slot was decided before: a duplicate or a late event must not make the vehicle send
@@ -210,10 +216,19 @@ impl<'t, R: Rng> Unit<'t, R> {
         self.tracker.measure(measurement.gain());
         self.known = Some(Known {
             last_acknowledged: measurement.last_acknowledged(),
-            broadcast: *measurement.broadcast(),
+            place: measurement.place(),
+            // What was open is no longer.
+            broadcast: Broadcast {
+                open: Open::default(),
+                threshold: u32::MAX,
+                ..*measurement.broadcast()
+            },
         });
         match &mut self.actor {
-            Ok(actor) => (actor.decide(&Observation::new(measurement)), State::Nominal),
+            Ok(actor) => {
+                let observation = Observation::new(measurement, self.identity);
+                (actor.decide(&observation), State::Nominal)
+            }
             Err(_) => (Decision::Silent, State::Silent(Silence::NoTable)),
         }
     }
@@ -230,21 +245,10 @@ impl<'t, R: Rng> Unit<'t, R> {
             return (Decision::Silent, State::Silent(Silence::NoMeasurement));
         }
         let table = actor.table();
-        let broadcast = known.broadcast;
         let age = age_at(slot, known.last_acknowledged);
-        let observation = Observation::predicted(level, age, &broadcast);
-        // Without a measurement there is no fading to draw from. One draw in every degraded slot, whatever the branch, so that the
-        // stream does not depend on the levels.
-        let [draw, level_draw, ..] = self.back_off.next_u32().to_le_bytes();
-        let sends = u16::from(draw) < broadcast.joiner_probability.in_256ths();
-        let draw = if sends {
-            i32::from(level_draw) << 8
-        } else {
-            1 << 16
-        };
-        // A predicted level is no evidence of a collision on a strong channel: here only a lost turn makes a vehicle join.
-        let joins = observation.quantities().turn_lost();
-        let decision = match clock::rule(&observation, table.required_sinr(), joins, draw) {
+        let observation =
+            Observation::predicted(slot, level, age, known.place, &known.broadcast, self.identity);
+        let decision = match clock::act(&observation, table.required_sinr()) {
             // Needs no power.
             Action::Silent => Decision::Silent,
             action => table.power_plan().decision(action, &observation),

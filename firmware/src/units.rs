@@ -2,8 +2,8 @@
 
 use fixed::types::I8F8;
 
-/// Number of sub-channels a unit measures and may choose from (the paper's Table I: 3 resource blocks).
-pub const SUB_CHANNELS: usize = 3;
+/// Most sub-channels a cell may have (chosen; LTE's narrowest carrier has 6 resource blocks, 5 MHz have 25).
+pub const MAX_SUB_CHANNELS: usize = 16;
 
 /// A received level in dB above the base station's noise floor, in steps of 1/256 dB from -128 to +127.996 dB.
 pub type Level = I8F8;
@@ -30,35 +30,54 @@ impl Dbm {
     }
 }
 
-/// One of the cell's orthogonal sub-channels, `0..SUB_CHANNELS`.
+/// How many orthogonal sub-channels a cell has, 1 to [`MAX_SUB_CHANNELS`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SubChannels(u8);
+
+impl SubChannels {
+    /// A single one.
+    pub const ONE: Self = Self(1);
+
+    /// So many, or `None` outside 1 to [`MAX_SUB_CHANNELS`].
+    pub const fn new(count: usize) -> Option<Self> {
+        if count >= 1 && count <= MAX_SUB_CHANNELS {
+            #[allow(clippy::cast_possible_truncation, reason = "at most MAX_SUB_CHANNELS")]
+            Some(Self(count as u8))
+        } else {
+            None
+        }
+    }
+
+    /// How many.
+    pub const fn count(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// One of a cell's orthogonal sub-channels, by its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SubChannel(u8);
 
 impl SubChannel {
-    /// The sub-channel with this index, or `None` from [`SUB_CHANNELS`] on.
+    /// The sub-channel with this index, or `None` from [`MAX_SUB_CHANNELS`] on.
     pub const fn new(index: u8) -> Option<Self> {
-        if (index as usize) < SUB_CHANNELS {
+        if (index as usize) < MAX_SUB_CHANNELS {
             Some(Self(index))
         } else {
             None
         }
     }
 
-    /// The index, below [`SUB_CHANNELS`].
+    /// The index, below [`MAX_SUB_CHANNELS`].
     pub const fn index(self) -> usize {
         self.0 as usize
     }
-
-    /// The sub-channel `offset` places on, around the end.
-    #[must_use]
-    pub const fn after(self, offset: usize) -> Self {
-        #[allow(clippy::cast_possible_truncation, reason = "below SUB_CHANNELS")]
-        Self((self.index().wrapping_add(offset) % SUB_CHANNELS) as u8)
-    }
 }
 
-/// Index of a 1 ms slot since the modem started. It wraps after 49.7 days; only differences mean anything.
+/// Index of a 1 ms slot, as the cell counts them: the same for all vehicles, since their modems are synchronised (LTE's system frame
+/// and subframe number). It wraps after 49.7 days, once in which all turns move together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SlotIndex(pub u32);
@@ -76,17 +95,20 @@ impl SlotIndex {
     }
 }
 
-/// Age of information in slots (= ms): 1 in the slot after a success, one more in every further slot, saturating at
-/// [`Age::MAX`] (the paper's eq. 4 and T = 100 ms).
+/// Age of information in slots (= ms): 1 in the slot after a success, one more in every further slot (the paper's eq. 4), saturating
+/// at [`Age::MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Age(u8);
+pub struct Age(u16);
 
 impl Age {
     /// The youngest possible age.
     pub const MIN: Self = Self(1);
-    /// Where ages saturate: the time constraint T of Table I, 100 ms.
-    pub const MAX: Self = Self(100);
+    /// The time constraint T of the paper's Table I, 100 ms: where its ages saturate, and those of vehicles begin that were never
+    /// received.
+    pub const TIME_CONSTRAINT: Self = Self(100);
+    /// Where ages saturate, 65.5 s: a vehicle that was never received.
+    pub const MAX: Self = Self(u16::MAX);
 
     /// The age `slots` after a success, saturating at both ends.
     pub const fn after(slots: u32) -> Self {
@@ -94,8 +116,8 @@ impl Age {
         let most = Self::MAX.0 as u32;
         let slots = if slots > most { most } else { slots };
         let slots = if slots == 0 { 1 } else { slots };
-        #[allow(clippy::cast_possible_truncation, reason = "at most 100")]
-        Self(slots as u8)
+        #[allow(clippy::cast_possible_truncation, reason = "at most MAX")]
+        Self(slots as u16)
     }
 
     /// The age one slot later without a success.
@@ -104,58 +126,19 @@ impl Age {
         Self::after((self.0 as u32).saturating_add(1))
     }
 
-    /// The age in slots, 1 to 100.
-    pub const fn slots(self) -> u8 {
+    /// The age in slots, from 1 on.
+    pub const fn slots(self) -> u16 {
         self.0
     }
 }
 
-/// Slots between two turns of a vehicle on its home sub-channel, 1 to 100: the number of members of its group, which
-/// the base station broadcasts.
+/// How much a vehicle's age counts against those of others when it contends, in 1/32: the base station gives weak vehicles more, since
+/// each of their chances is worth less.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Period(u8);
+pub struct Weight(pub u8);
 
-impl Period {
-    /// The longest period: an age saturates there, so a longer one could not be told from it.
-    pub const MAX: u8 = Age::MAX.0;
-
-    /// A period of `slots`, or `None` outside 1 to 100.
-    pub const fn new(slots: u8) -> Option<Self> {
-        if slots >= 1 && slots <= Self::MAX {
-            Some(Self(slots))
-        } else {
-            None
-        }
-    }
-
-    /// The period in slots.
-    pub const fn slots(self) -> u8 {
-        self.0
-    }
-}
-
-/// Probability with which the base station asks joiners to send in a slot, in 1/256, from 1/256 to 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct JoinerProbability(u8);
-
-impl JoinerProbability {
-    /// Always send.
-    pub const ONE: Self = Self(u8::MAX);
-
-    /// The probability `(code + 1) / 256`: every code is valid.
-    pub const fn from_code(code: u8) -> Self {
-        Self(code)
-    }
-
-    /// The code on the wire.
-    pub const fn code(self) -> u8 {
-        self.0
-    }
-
-    /// The probability times 256, 1 to 256.
-    pub const fn in_256ths(self) -> u16 {
-        (self.0 as u16).saturating_add(1)
-    }
+impl Weight {
+    /// As much as it is.
+    pub const ONE: Self = Self(32);
 }

@@ -4,14 +4,18 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 mod actor;
+mod clock;
 mod decision;
 mod description;
 mod form;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;
+mod lots;
 mod noise;
 mod observation;
+mod readings;
+mod ring;
 mod session;
 mod signing;
 mod table;

@@ -1,6 +1,6 @@
 //! Every form of observation and output against real-valued formulas in f64, and against plain searches.
 
-use crate::observation::Readings;
+use crate::readings::Readings;
 use crate::table_builder::Contents;
 use firmware::actor::Actor;
 use firmware::decision::{Decision, PowerPlan, SUB_CHANNEL_CHOICES};
@@ -8,10 +8,15 @@ use firmware::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
 use firmware::network::MAX_OUTPUTS;
 use firmware::observation::{ONE, ONE_HOT_AGES, ONE_HOT_INPUTS, Observation, UNIFORM_ONE};
 use firmware::table::Table;
-use firmware::units::{Dbm, Level, SubChannel};
+use firmware::units::{Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannel};
 use proptest::prelude::*;
 
 const STEP: f64 = 256.0;
+
+/// The paper's three levels.
+fn three(levels: [i16; 3]) -> [i16; MAX_SUB_CHANNELS] {
+    std::array::from_fn(|n| levels.get(n).copied().unwrap_or(0))
+}
 
 fn encoded(form: ObservationForm, observation: &Observation, required_sinr: Level) -> Vec<i8> {
     let inputs = form.encode(observation, required_sinr, <[i8]>::to_vec);
@@ -31,16 +36,16 @@ fn the_papers_state_is_in_the_cells_order_and_rounded_to_the_nearest_code() {
     for bits in (i16::MIN..=i16::MAX).step_by(7) {
         for home in 0..3 {
             let readings = Readings {
-                gain: [bits, bits / 2, bits / 3],
-                interference: [bits, bits / 2, bits / 3].map(|bits| bits.max(0)),
-                age: 1 + bits.unsigned_abs().to_le_bytes()[0] % 100,
-                home,
+                gain: three([bits, bits / 2, bits / 3]),
+                interference: three([bits, bits / 2, bits / 3].map(|bits| bits.max(0))),
+                age: Some(1 + u32::from(bits.unsigned_abs()) % 130),
+                place: Some((home, true)),
                 ..Readings::default()
             };
             let inputs = encoded(ObservationForm::Paper, &readings.observation(), Level::ZERO);
             assert_eq!(inputs.len(), 7);
             for n in 0..3 {
-                let decibels = |levels: [i16; 3]| f64::from(levels[n]) / STEP;
+                let decibels = |levels: [i16; MAX_SUB_CHANNELS]| f64::from(levels[n]) / STEP;
                 nearest(inputs[n], 64.0 * (decibels(readings.gain) - 35.0) / 20.0, "gain");
                 nearest(
                     inputs[3 + n],
@@ -48,7 +53,7 @@ fn the_papers_state_is_in_the_cells_order_and_rounded_to_the_nearest_code() {
                     "interference",
                 );
             }
-            assert_eq!(i32::from(inputs[6]), i32::from(readings.age));
+            assert_eq!(inputs[6] as u32, readings.slots().min(100));
         }
     }
 }
@@ -57,25 +62,38 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn an_age_is_one_flag_beside_the_levels_of_the_other_form(
+    fn an_age_is_one_flag_beside_the_levels_from_the_places_remainder_on(
         gain in prop::array::uniform3(any::<i16>()),
         interference in prop::array::uniform3(0..i16::MAX),
-        (age, home, period) in (1_u8..=100, 0_u8..3, 1_u8..=100),
+        (age, place, identity) in (prop_oneof![1..60_u32, 1..70_000_u32], any::<Option<u16>>(), any::<u32>()),
         required in any::<i16>(),
     ) {
-        let readings = Readings { gain, interference, age, home, period, ..Readings::default() };
-        let (observation, required) = (readings.observation(), Level::from_bits(required));
-        let common = encoded(ObservationForm::HomeFirst, &observation, required);
-        prop_assert_eq!(common.as_slice(), observation.encode(required));
-        let inputs = encoded(ObservationForm::AgeOneHot, &observation, required);
+        let readings = Readings {
+            gain: three(gain),
+            interference: three(interference),
+            age: Some(age),
+            place: place.map(|index| (index, false)),
+            identity,
+            ..Readings::default()
+        };
+        let (observation, level) = (readings.observation(), Level::from_bits(required));
+        prop_assert_eq!(encoded(ObservationForm::Ring, &observation, level), observation.encode(level));
+        let inputs = encoded(ObservationForm::AgeOneHot, &observation, level);
         prop_assert_eq!(inputs.len(), ONE_HOT_INPUTS);
         let (ages, rest) = inputs.split_at(ONE_HOT_AGES);
         for (slots, &flag) in (1..).zip(ages) {
-            prop_assert_eq!(flag, if usize::from(age).min(ONE_HOT_AGES) == slots { ONE } else { 0 });
+            prop_assert_eq!(flag, if (age as usize).min(ONE_HOT_AGES) == slots { ONE } else { 0 });
         }
-        prop_assert_eq!(&rest[..6], &common[5..11]);
-        prop_assert_eq!(&rest[6..9], &common[17..]);
-        let uniform = f64::from(observation.quantities().private_uniform()) / 65_536.0 * f64::from(UNIFORM_ONE);
+        let near = |code: i8, real: f64| (f64::from(code) - real.clamp(-128.0, 127.0)).abs() <= 1.06;
+        for offset in 0..3 {
+            let sub_channel = (usize::from(place.unwrap_or(0)) + offset) % 3;
+            let (gain, noise) = (gain[sub_channel], interference[sub_channel]);
+            prop_assert!(near(rest[offset], 64.0 * (f64::from(gain) / STEP - 35.0) / 20.0));
+            prop_assert_eq!(rest[3 + offset], if gain >= required { ONE } else { 0 });
+            prop_assert!(near(rest[6 + offset], 64.0 * f64::from(noise) / STEP / 40.0));
+        }
+        let lot = f64::from(readings.identity().lot(SlotIndex(readings.slot)) >> 16);
+        let uniform = lot / 65_536.0 * f64::from(UNIFORM_ONE);
         prop_assert!((f64::from(rest[9]) - (uniform + 0.5).floor()).abs() < 1e-9);
     }
 
@@ -83,12 +101,16 @@ proptest! {
     fn the_first_largest_choice_is_carried_out(
         scores in prop::array::uniform8(prop_oneof![any::<i32>(), -2..3, Just(i32::MIN)]),
         gain in prop::array::uniform3(any::<i16>()),
-        home in 0_u8..3,
+        place in any::<Option<u16>>(),
         first_level in any::<i16>(),
     ) {
-        let observation = Readings { gain, home, ..Readings::default() }.observation();
-        let full = Dbm::from_bits(23 << 8);
-        let plan = PowerPlan { max_power: full, joiner_levels: [first_level; 4].map(Level::from_bits) };
+        let readings = Readings {
+            gain: three(gain),
+            place: place.map(|index| (index, true)),
+            ..Readings::default()
+        };
+        let (observation, full) = (readings.observation(), i32::from(readings.max_power));
+        let plan = PowerPlan { joiner_levels: [first_level; 4].map(Level::from_bits) };
         for (form, least) in [(OutputForm::SubChannels, 0), (OutputForm::SendingSubChannels, 1)] {
             let choices = &scores[least..SUB_CHANNEL_CHOICES];
             let largest = choices.iter().max().unwrap();
@@ -98,9 +120,9 @@ proptest! {
                 prop_assert_eq!(found, Decision::Silent);
                 continue;
             };
-            let index = (usize::from(home) + sending % 3) % 3;
+            let index = (usize::from(place.unwrap_or(0)) + sending % 3) % 3;
             let reduction = if sending < 3 { 0 } else { (i32::from(gain[index]) - i32::from(first_level)).clamp(0, 32_767) };
-            let power = Dbm::from_bits((i32::from(full.to_bits()) - reduction).max(-32_768) as i16);
+            let power = Dbm::from_bits((full - reduction).max(-32_768) as i16);
             let sub_channel = SubChannel::new(index as u8).unwrap();
             prop_assert_eq!(found, Decision::Transmit { sub_channel, power });
         }
@@ -109,12 +131,15 @@ proptest! {
 
 fn continuous(a: i32, b: i32, max_power: i16) -> Decision {
     let plan = PowerPlan {
-        max_power: Dbm::from_bits(max_power),
         joiner_levels: [Level::ZERO; 4],
+    };
+    let readings = Readings {
+        max_power,
+        ..Readings::default()
     };
     let mut outputs = [77; MAX_OUTPUTS];
     outputs[..2].copy_from_slice(&[a, b]);
-    OutputForm::SubChannelAndPower.decision(&outputs, &Readings::default().observation(), &plan)
+    OutputForm::SubChannelAndPower.decision(&outputs, &readings.observation(), &plan)
 }
 
 #[test]
@@ -175,12 +200,13 @@ fn actors_of_all_forms_decide_by_their_forms() {
             assert_eq!(table.output_form(), output_form);
             let mut actor = Actor::new(table.clone());
             let mut decisions = Vec::new();
-            for age in 1..=100 {
-                let gain = [40 - i16::from(age) / 4, i16::from(age) / 3, 20].map(|level| level << 8);
+            for age in 1..=100_i16 {
+                let gain = three([40 - age / 4, age / 3, 20].map(|level| level << 8));
                 let readings = Readings {
                     gain,
-                    age,
-                    home: age % 3,
+                    age: Some(age.unsigned_abs().into()),
+                    place: Some((age.unsigned_abs() % 20, true)),
+                    open: 0b111,
                     ..Readings::default()
                 };
                 let observation = readings.observation();

@@ -1,25 +1,59 @@
 //! Frames survive the wire or are refused; never anything between.
 
-use firmware::link::{LinkError, MAX_FRAME, MeasurementFrame, ModemFrame, Receiver, UnitFrame, encode};
+use firmware::link::{
+    CHUNK_LEN, Levels, LinkError, MAX_FRAME, MeasurementFrame, ModemFrame, Receiver, UnitFrame, UnitMessage,
+    UpdateAnswer, UpdateFrame, encode,
+};
 use firmware::measurement::MeasurementError;
+use firmware::ring::MAX_PLACES;
+use firmware::units::MAX_SUB_CHANNELS;
 use proptest::prelude::*;
 
+fn levels() -> impl Strategy<Value = Levels> {
+    prop::collection::vec(any::<i16>(), 0..=MAX_SUB_CHANNELS)
+        .prop_map(|levels| Levels::from_slice(&levels).unwrap())
+}
+
 fn modem_frame() -> impl Strategy<Value = ModemFrame> {
-    let levels = || prop::array::uniform3(any::<i16>());
-    let measurement = (
+    let levels = (levels(), levels());
+    let vehicle = (
         any::<u32>(),
-        levels(),
-        levels(),
         any::<Option<u32>>(),
-        any::<[u8; 3]>(),
+        any::<Option<(u16, bool)>>(),
+        any::<bool>(),
+        any::<u8>(),
     );
+    let broadcast = (
+        any::<u16>(),
+        any::<u16>(),
+        any::<u32>(),
+        any::<u8>(),
+        any::<bool>(),
+        any::<i16>(),
+    );
+    let measurement = (levels, vehicle, broadcast).prop_map(|((gain, interference), vehicle, broadcast)| {
+        let (slot, last_acknowledged, place, awaits_acknowledgement, weight) = vehicle;
+        let (places, open, threshold, salt, gains_hold, max_power) = broadcast;
+        ModemFrame::Measurement(MeasurementFrame {
+            slot,
+            gain,
+            interference,
+            last_acknowledged,
+            place,
+            awaits_acknowledgement,
+            places,
+            open,
+            threshold,
+            salt,
+            gains_hold,
+            weight,
+            max_power,
+        })
+    });
     prop_oneof![
-        9 => measurement.prop_map(|(slot, gain, interference, last_acknowledged, [home, period, joiner_probability])| {
-            ModemFrame::Measurement(MeasurementFrame {
-                slot, gain, interference, last_acknowledged, home, period, joiner_probability,
-            })
-        }),
+        9 => measurement,
         1 => any::<u32>().prop_map(|slot| ModemFrame::Missed { slot }),
+        1 => any::<u32>().prop_map(|number| ModemFrame::Identity { number }),
     ]
 }
 
@@ -62,7 +96,7 @@ proptest! {
                 bytes.push(0);
                 bytes.extend(&following);
                 let accepted: Vec<_> = receive(&bytes).into_iter().filter_map(Result::ok).collect();
-                prop_assert_eq!(accepted, vec![next], "byte {} flipped by {:#04x}", position, flip);
+                prop_assert_eq!(&accepted, &vec![next.clone()], "byte {} flipped by {:#04x}", position, flip);
             }
         }
     }
@@ -91,73 +125,141 @@ fn a_flood_is_one_dropped_frame() {
     assert_eq!(receive(&[0; 100]), [], "empty frames are no frames");
 }
 
+/// The longest measurement of so many sub-channels: every number takes as many bytes as its kind ever does.
+fn longest(sub_channels: usize) -> MeasurementFrame {
+    let levels = || Levels::from_slice(&vec![i16::MIN; sub_channels]).unwrap();
+    MeasurementFrame {
+        slot: u32::MAX,
+        gain: levels(),
+        interference: levels(),
+        last_acknowledged: Some(u32::MAX),
+        place: Some((u16::MAX, true)),
+        awaits_acknowledgement: true,
+        places: u16::MAX,
+        open: u16::MAX,
+        threshold: u32::MAX,
+        salt: 255,
+        gains_hold: true,
+        weight: 255,
+        max_power: i16::MIN,
+    }
+}
+
 #[test]
 fn the_longest_frames_have_the_documented_length() {
-    let longest = ModemFrame::Measurement(MeasurementFrame {
-        slot: u32::MAX,
-        gain: [i16::MIN; 3],
-        interference: [i16::MIN; 3],
-        last_acknowledged: Some(u32::MAX),
-        home: 255,
-        period: 255,
-        joiner_probability: 255,
-    });
-    assert_eq!(encode(&longest).unwrap().len(), 39);
-    let longest = UnitFrame {
+    let measurement = |sub_channels| {
+        encode(&ModemFrame::Measurement(longest(sub_channels)))
+            .unwrap()
+            .len()
+    };
+    assert_eq!(measurement(MAX_SUB_CHANNELS), 139);
+    assert_eq!(measurement(8), 91);
+    assert_eq!(measurement(3), 61);
+    let chunk = UpdateFrame::Chunk {
+        offset: u32::MAX,
+        bytes: [255; CHUNK_LEN],
+    };
+    assert_eq!(encode(&ModemFrame::Update(chunk)).unwrap().len(), 45);
+    let answer = UnitFrame {
         slot: u32::MAX,
         transmit: Some((255, i16::MIN)),
         state: 255,
     };
-    assert_eq!(encode(&longest).unwrap().len(), 17);
-    const { assert!(39 <= MAX_FRAME) };
+    assert_eq!(encode(&UnitMessage::Decision(answer)).unwrap().len(), 18);
+    let update = UpdateAnswer::Continue { offset: u32::MAX };
+    assert!(encode(&UnitMessage::Update(update)).unwrap().len() <= 18);
+    const { assert!(139 <= MAX_FRAME) };
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_frame_is_longer_than_the_longest(frame in modem_frame()) {
+        prop_assert!(encode(&frame).unwrap().len() <= 139);
+    }
+}
+
+fn of(levels: &[i16]) -> Levels {
+    Levels::from_slice(levels).unwrap()
 }
 
 #[test]
 fn readings_that_cannot_be_are_refused_by_name() {
     let good = MeasurementFrame {
         slot: 10,
-        gain: [0; 3],
-        interference: [0; 3],
+        gain: of(&[0; 3]),
+        interference: of(&[0; 3]),
         last_acknowledged: Some(9),
-        home: 2,
-        period: 100,
-        joiner_probability: 0,
+        place: Some((MAX_PLACES, false)),
+        awaits_acknowledgement: true,
+        places: MAX_PLACES,
+        open: u16::MAX,
+        threshold: u32::MAX,
+        salt: 9,
+        gains_hold: true,
+        weight: 33,
+        max_power: -7,
     };
     assert_eq!(MeasurementFrame::from(&good.measurement().unwrap()), good);
-    let cases = [
+    let smallest = MeasurementFrame {
+        gain: of(&[i16::MIN]),
+        interference: of(&[0]),
+        last_acknowledged: None,
+        place: None,
+        places: 1,
+        ..good.clone()
+    };
+    assert_eq!(MeasurementFrame::from(&smallest.measurement().unwrap()), smallest);
+    type Change = fn(&mut MeasurementFrame);
+    let rings: [(Change, &str); 4] = [
+        (|frame| frame.gain.clear(), "4000 places on 0 sub-channels"),
+        (|frame| frame.places = 0, "0 places on 3 sub-channels"),
+        (|frame| frame.places = 2, "2 places on 3 sub-channels"),
         (
-            MeasurementFrame { home: 3, ..good },
-            MeasurementError::Home(3),
-            "home: found 3, expected 0 to 2",
+            |frame| frame.places = MAX_PLACES + 1,
+            "4001 places on 3 sub-channels",
         ),
+    ];
+    for (change, found) in rings {
+        let mut frame = good.clone();
+        change(&mut frame);
+        let error = frame.measurement().unwrap_err();
+        assert!(matches!(error, MeasurementError::Ring { .. }), "{error:?}");
+        let expected = "expected 1 to 16 sub-channels, and from as many places to 4000";
+        assert_eq!(error.to_string(), format!("ring: found {found}; {expected}"));
+    }
+    let others: [(Change, MeasurementError, &str); 4] = [
         (
-            MeasurementFrame { period: 0, ..good },
-            MeasurementError::Period(0),
-            "period: found 0, expected 1 to 100",
-        ),
-        (
-            MeasurementFrame { period: 101, ..good },
-            MeasurementError::Period(101),
-            "period: found 101, expected 1 to 100",
-        ),
-        (
-            MeasurementFrame {
-                interference: [0, -1, 0],
-                ..good
+            |frame| frame.interference = of(&[0; 4]),
+            MeasurementError::SubChannels {
+                found: 4,
+                expected: 3,
             },
+            "gain, interference: found 4 levels, expected 3, one for each sub-channel",
+        ),
+        (
+            |frame| frame.interference.clear(),
+            MeasurementError::SubChannels {
+                found: 0,
+                expected: 3,
+            },
+            "gain, interference: found 0 levels, expected 3, one for each sub-channel",
+        ),
+        (
+            |frame| frame.interference = of(&[0, -1, 0]),
             MeasurementError::InterferenceBelowNoise(1),
             "interference[1]: noise plus interference is below 0 dB over noise",
         ),
         (
-            MeasurementFrame {
-                last_acknowledged: Some(10),
-                ..good
-            },
+            |frame| frame.last_acknowledged = Some(10),
             MeasurementError::AcknowledgedInFuture,
             "last_acknowledged: not before the slot of the measurement",
         ),
     ];
-    for (frame, error, text) in cases {
+    for (change, error, text) in others {
+        let mut frame = good.clone();
+        change(&mut frame);
         assert_eq!(frame.measurement(), Err(error));
         assert_eq!(error.to_string(), text);
     }

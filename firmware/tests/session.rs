@@ -1,19 +1,22 @@
 //! Bytes and ticks in, answers out: deadlines, late frames, a modem that falls silent, floods.
 
 use crate::noise::{below, noise};
-use crate::observation::Readings;
+use crate::readings::Readings;
+use crate::table_builder::Contents;
+use firmware::decision::{ACTIONS, Decision};
 use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
+use firmware::lots::Identity;
+use firmware::observation::INPUTS;
 use firmware::session::{Request, Session};
 use firmware::slot_clock::{MAX_TICK_MICROSECONDS, SlotClock, SlotLength};
-use firmware::table::Table;
 use firmware::tables::DISTILLED;
-use firmware::unit::{Unit, back_off};
-use firmware::units::{Dbm, SlotIndex};
+use firmware::unit::Unit;
+use firmware::units::{MAX_SUB_CHANNELS, SlotIndex};
 use rand_core::Rng;
-use rand_pcg::{Pcg32, Pcg64Mcg};
+use rand_pcg::Pcg64Mcg;
 
-fn session() -> Session<'static, Pcg32> {
-    Session::new(Unit::new(DISTILLED, back_off([5, 6, 7])))
+fn session() -> Session<'static> {
+    Session::new(Unit::new(DISTILLED, Identity(5)))
 }
 
 fn measured(slot: u32) -> ModemFrame {
@@ -31,7 +34,7 @@ fn decision(request: Option<Request>) -> Option<UnitFrame> {
     }
 }
 
-fn send(session: &mut Session<'_, Pcg32>, frame: &ModemFrame) -> Vec<UnitFrame> {
+fn send(session: &mut Session<'_>, frame: &ModemFrame) -> Vec<UnitFrame> {
     let wire = encode(frame).unwrap();
     wire.into_iter()
         .filter_map(|byte| decision(session.byte(byte)))
@@ -139,6 +142,37 @@ fn slot_lengths_are_bounded_and_divide_into_ticks() {
     assert_eq!(session.timer_restart(), Some(1_000));
 }
 
+/// The number under which the base station knows the vehicle decides its lots from the next slot on.
+#[test]
+fn a_unit_draws_its_lots_under_the_number_that_it_is_told() {
+    let contending = |slot: u32| {
+        let readings = Readings {
+            slot,
+            place: None,
+            age: Some(50),
+            open: 0b111,
+            threshold: 0,
+            ..Readings::default()
+        };
+        ModemFrame::Measurement((&readings.measurement()).into())
+    };
+    let frames: Vec<ModemFrame> = (1..200).map(contending).collect();
+    let all = |session: &mut Session<'_>| -> Vec<UnitFrame> {
+        frames.iter().flat_map(|frame| send(session, frame)).collect()
+    };
+    let table = Contents::random(4, &[INPUTS, 16, ACTIONS]).bytes();
+    let own = all(&mut Session::new(Unit::new(&table, Identity(5))));
+    assert_eq!(own.len(), frames.len());
+    let number = 0xdead_beef;
+    let mut told = Session::new(Unit::new(&table, Identity(5)));
+    assert_eq!(send(&mut told, &ModemFrame::Identity { number }), []);
+    assert_eq!((told.timer_restart(), told.telemetry().dropped_frames), (None, 0));
+    let told = all(&mut told);
+    assert!(told == all(&mut Session::new(Unit::new(&table, Identity(number)))));
+    let differing = told.iter().zip(&own).filter(|(told, own)| told != own).count();
+    assert!(differing > 20, "{differing}");
+}
+
 /// Random and mutated frames, with valid ones between them whose answers a second unit gives as well.
 struct Fuzz {
     rng: Pcg64Mcg,
@@ -151,27 +185,33 @@ impl Fuzz {
     /// A valid measurement with random readings, of the next slot.
     fn valid_frame(&mut self) -> ModemFrame {
         self.slot = self.slot.wrapping_add(1 + below(&mut self.rng, 2));
+        let sub_channels = 1 + below(&mut self.rng, MAX_SUB_CHANNELS as u32);
+        let places = sub_channels + below(&mut self.rng, 100);
+        let random = self.rng.next_u32();
         let readings = Readings {
             slot: self.slot,
+            sub_channels: sub_channels as usize,
             gain: std::array::from_fn(|_| self.rng.next_u32() as i16),
-            home: below(&mut self.rng, 3) as u8,
-            period: 1 + below(&mut self.rng, 100) as u8,
-            age: 1 + below(&mut self.rng, 100) as u8,
-            joiner_probability: self.rng.next_u32() as u8,
+            age: (random & 15 > 0).then(|| 1 + below(&mut self.rng, 100)),
+            place: (random & 48 > 0).then(|| (below(&mut self.rng, places) as u16, random & 64 > 0)),
+            awaits: random & 0x180 == 0,
+            weight: (random >> 16) as u8,
+            places: places as u16,
+            open: self.rng.next_u32() as u16,
+            threshold: below(&mut self.rng, 1 << 24),
+            salt: (random >> 24) as u8,
+            gains_hold: random & 512 > 0,
+            max_power: self.rng.next_u32() as i16,
             ..Readings::default()
         };
         ModemFrame::Measurement((&readings.measurement()).into())
     }
 
     /// One round: noise, a delimiter, a valid frame. Panics on an illegal or wrong answer.
-    fn round(&mut self, session: &mut Session<'static, Pcg32>, max_power: Dbm) {
-        let legal = |frame: &UnitFrame| {
-            frame
-                .transmit
-                .is_none_or(|(sub_channel, power)| sub_channel < 3 && power <= max_power.to_bits())
-        };
+    fn round(&mut self, session: &mut Session<'static>) {
+        let legal = |frame: &UnitFrame| frame.decision().is_some();
         let good = encode(&self.valid_frame()).unwrap();
-        let noise = noise(&mut self.rng, &good, 4);
+        let noise = noise(&mut self.rng, &good, 5);
         self.frames += 1;
         for byte in noise.into_iter().chain([0]) {
             if let Some(Request::Answer(UnitMessage::Decision(frame))) = session.byte(byte) {
@@ -197,14 +237,23 @@ impl Fuzz {
             .slot(&event)
             .map(|report| UnitFrame::from(&report));
         assert_eq!(send(session, &frame), Vec::from_iter(expected), "{frame:?}");
-        assert!(expected.is_some_and(|frame| legal(&frame)));
+        // At most the broadcast power, on one of the cell's sub-channels.
+        let ModemFrame::Measurement(sent) = frame else {
+            unreachable!()
+        };
+        let allowed = |decision| match decision {
+            Decision::Silent => true,
+            Decision::Transmit { sub_channel, power } => {
+                sub_channel.index() < sent.gain.len() && power.to_bits() <= sent.max_power
+            }
+        };
+        assert!(expected.is_some_and(|frame| frame.decision().is_some_and(allowed)));
         self.frames += 1;
         self.valid += 1;
     }
 }
 
 fn fuzz(seed: u128, frames: u64) {
-    let max_power = Table::parse(DISTILLED).unwrap().power_plan().max_power;
     let mut session = session();
     let mut fuzz = Fuzz {
         rng: Pcg64Mcg::new(seed),
@@ -213,7 +262,7 @@ fn fuzz(seed: u128, frames: u64) {
         valid: 0,
     };
     while fuzz.frames < frames {
-        fuzz.round(&mut session, max_power);
+        fuzz.round(&mut session);
     }
     let (dropped, decided) = (session.telemetry().dropped_frames, session.telemetry().slots);
     println!(

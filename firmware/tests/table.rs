@@ -4,7 +4,7 @@ use crate::table_builder::{Contents, Layer, seal};
 use firmware::decision::ACTIONS;
 use firmware::observation::INPUTS;
 use firmware::table::{Table, TableError};
-use firmware::units::{Dbm, Level};
+use firmware::units::{Level, MAX_SUB_CHANNELS, SubChannels};
 
 fn small() -> Contents {
     Contents::random(7, &[INPUTS, 5, 3, ACTIONS])
@@ -18,7 +18,10 @@ fn every_field_arrives() {
     let table = Table::parse(&bytes).unwrap();
     assert_eq!(table.max_vehicles(), contents.max_vehicles);
     assert_eq!(table.required_sinr(), Level::from_bits(contents.required_sinr));
-    assert_eq!(table.power_plan().max_power, Dbm::from_bits(contents.max_power));
+    assert_eq!(
+        table.max_sub_channels().count(),
+        usize::from(contents.max_sub_channels)
+    );
     assert_eq!(
         table.power_plan().joiner_levels,
         contents.joiner_levels.map(Level::from_bits)
@@ -30,6 +33,32 @@ fn every_field_arrives() {
     assert_eq!(table.bytes(), bytes);
     let widths: Vec<_> = table.network().widths().skip(1).collect();
     assert_eq!(widths, [5, 3, ACTIONS]);
+}
+
+/// The ring's form serves every cell up to what the table was trained for; forms that see or choose sub-channels one by one serve three.
+#[test]
+fn tables_say_which_cells_they_serve() {
+    for (observation, output) in
+        (0..3).flat_map(|observation| (0..4).map(move |output| (observation, output)))
+    {
+        for most in [1, 3, 8, 16] {
+            let mut contents = Contents::in_form(3, observation, output);
+            contents.max_sub_channels = most;
+            let bytes = contents.bytes();
+            let table = Table::parse(&bytes).unwrap();
+            for count in 1..=MAX_SUB_CHANNELS {
+                let expected = match (observation, output) {
+                    (0, 0) => count <= usize::from(most),
+                    _ => count == 3,
+                };
+                assert_eq!(
+                    table.serves(SubChannels::new(count).unwrap()),
+                    expected,
+                    "{most}, {count}"
+                );
+            }
+        }
+    }
 }
 
 #[test]
@@ -79,15 +108,19 @@ fn widen(contents: &mut Contents, layer: usize, inputs: usize) {
 
 #[test]
 fn every_refusal_names_its_field() {
-    let cases: [(String, &str); 23] = [
+    let cases: [(String, &str); 25] = [
         (
             refusal(|c| c.magic = *b"GIRF"),
             "magic: found [47, 49, 52, 46], expected [46, 4c, 41, 54] (FLAT)",
         ),
-        (refusal(|c| c.version = 1), "version: found 1, expected 2"),
+        (refusal(|c| c.version = 2), "version: found 2, expected 3"),
         (
-            refusal(|c| c.sub_channels = 4),
-            "sub_channels: found 4, expected 3",
+            refusal(|c| c.max_sub_channels = 0),
+            "sub_channels: found 0, expected 16",
+        ),
+        (
+            refusal(|c| c.max_sub_channels = 17),
+            "sub_channels: found 17, expected 16",
         ),
         (refusal(|c| c.layer_count = 0), "layers: found 0, expected 4"),
         (refusal(|c| c.layer_count = 5), "layers: found 5, expected 4"),
@@ -102,7 +135,7 @@ fn every_refusal_names_its_field() {
             "observation form: found 3, expected 2",
         ),
         (refusal(|c| c.forms[1] = 4), "output form: found 4, expected 3"),
-        (refusal(|c| c.forms[0] = 2), "inputs: found 20, expected 7"),
+        (refusal(|c| c.forms[0] = 2), "inputs: found 21, expected 7"),
         (
             refusal(|c| {
                 *c = Contents::in_form(7, 2, 3);
@@ -110,7 +143,8 @@ fn every_refusal_names_its_field() {
             }),
             "output scale: found 65537, expected 65536",
         ),
-        (refusal(|c| c.reserved = 1), "reserved: found 1, expected 0"),
+        (refusal(|c| c.reserved.0 = 256), "reserved: found 256, expected 0"),
+        (refusal(|c| c.reserved.1 = 1), "reserved: found 1, expected 0"),
         (refusal(|c| c.modified = 2), "modified: found 2, expected 1"),
         (
             refusal(|c| c.layers[1].biases[2] = (1 << 30) + 1),
@@ -132,8 +166,8 @@ fn every_refusal_names_its_field() {
         (
             // The least: the first layer's int8 inputs, -128 x 127 of them.
             refusal(|c| {
-                c.layers[0].weights[4] = vec![127; 20];
-                c.layers[0].biases[4] = -(1 << 23) + 20 * 128 * 127 - 1;
+                c.layers[0].weights[4] = vec![127; 21];
+                c.layers[0].biases[4] = -(1 << 23) + 21 * 128 * 127 - 1;
             }),
             "even row sum: found -8388609, expected 8388608",
         ),
@@ -145,7 +179,7 @@ fn every_refusal_names_its_field() {
             }),
             "weight pair: found 32767, expected 32639",
         ),
-        (refusal(|c| widen(c, 0, 21)), "inputs: found 21, expected 20"),
+        (refusal(|c| widen(c, 0, 22)), "inputs: found 22, expected 21"),
         (
             refusal(|c| {
                 let last: &mut Layer = c.layers.last_mut().unwrap();

@@ -23,20 +23,18 @@ pub struct Contents {
     pub version: u16,
     /// The number of layers as the header states it.
     pub layer_count: u8,
-    /// The number of sub-channels.
-    pub sub_channels: u8,
+    /// Most sub-channels.
+    pub max_sub_channels: u8,
     /// Most vehicles.
     pub max_vehicles: u16,
     /// Required SINR in 1/256 dB.
     pub required_sinr: i16,
-    /// Full power in 1/256 dBm.
-    pub max_power: i16,
     /// Joiner levels in 1/256 dB.
     pub joiner_levels: [i16; 4],
     /// Codes of what the network sees and of what its outputs mean.
     pub forms: [u8; 2],
-    /// The reserved field.
-    pub reserved: u8,
+    /// The reserved fields: two bytes and one.
+    pub reserved: (u16, u8),
     /// Widths as the header states them.
     pub widths: [u16; 5],
     /// Uncommitted changes.
@@ -71,15 +69,14 @@ impl Contents {
         rng.fill_bytes(&mut revision);
         Self {
             magic: *b"FLAT",
-            version: 2,
+            version: 3,
             layer_count: u8::try_from(widths.len() - 1).unwrap(),
-            sub_channels: 3,
+            max_sub_channels: 8,
             max_vehicles: 60,
             required_sinr: 10 << 8,
-            max_power: 23 << 8,
             joiner_levels: [12 << 8, 23 << 8, 34 << 8, 45 << 8],
             forms: [0; 2],
-            reserved: 0,
+            reserved: (0, 0),
             widths: header_widths,
             modified: 0,
             seed,
@@ -93,7 +90,7 @@ impl Contents {
 
     /// A random network of these forms' codes, with one hidden layer.
     pub fn in_form(seed: u64, observation: u8, output: u8) -> Self {
-        let inputs = [20, 61, 7][usize::from(observation)];
+        let inputs = [21, 61, 7][usize::from(observation)];
         let outputs = [6, 7, 7, 2][usize::from(output)];
         let mut contents = Self::random(seed, &[inputs, 16, outputs]);
         contents.forms = [observation, output];
@@ -112,15 +109,15 @@ impl Contents {
         let mut bytes = Vec::new();
         bytes.extend(self.magic);
         bytes.extend(self.version.to_le_bytes());
-        bytes.extend([self.layer_count, self.sub_channels]);
+        bytes.extend([self.layer_count, self.max_sub_channels]);
         bytes.extend([0; 4]); // the length, when it is known
         bytes.extend(self.max_vehicles.to_le_bytes());
         bytes.extend(self.required_sinr.to_le_bytes());
-        bytes.extend(self.max_power.to_le_bytes());
+        bytes.extend(self.reserved.0.to_le_bytes());
         bytes.extend(self.joiner_levels.iter().flat_map(|level| level.to_le_bytes()));
         bytes.extend(self.forms);
         bytes.extend(self.widths.iter().flat_map(|width| width.to_le_bytes()));
-        bytes.extend([self.modified, self.reserved]);
+        bytes.extend([self.modified, self.reserved.1]);
         bytes.extend(self.seed.to_le_bytes());
         bytes.extend(self.revision);
         bytes.extend(self.scales.iter().flat_map(|scale| scale.to_le_bytes()));

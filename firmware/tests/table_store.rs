@@ -1,6 +1,6 @@
 //! Tables over the air: what is refused, and what a power cut leaves.
 
-use crate::observation::Readings;
+use crate::readings::Readings;
 use crate::signing::{TEST_SECRET, package, public, slot};
 use crate::table_builder::{Contents, seal};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -9,13 +9,14 @@ use firmware::decision::ACTIONS;
 use firmware::link::{
     CHUNK_LEN, ModemFrame, Refusal, UnitFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
 };
+use firmware::lots::Identity;
 use firmware::observation::INPUTS;
 use firmware::session::{Request, Session};
 use firmware::table::Table;
 use firmware::table_store::package::Package;
 use firmware::table_store::{Active, Key, PackageError, SLOT_LEN, Slot, SlotFlash, TableStore, inspect};
 use firmware::tables::DISTILLED;
-use firmware::unit::{Event, Unit, back_off};
+use firmware::unit::{Event, Unit};
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 
@@ -298,7 +299,7 @@ fn what_is_not_a_newer_package_of_this_key_is_refused_and_changes_nothing() {
         ("format", other_format, Refusal::Header),
         (
             "sub-channels",
-            with(&|contents| contents.sub_channels = 4),
+            with(&|contents| contents.max_sub_channels = 17),
             Refusal::Table,
         ),
         (
@@ -475,8 +476,8 @@ fn slots_are_decided_through_an_update() {
     let new = Contents::random(8, &[INPUTS, 16, ACTIONS]).bytes();
     let next = package(&new, 1, &TEST_SECRET);
     let mut store = TableStore::boot(SimulatedFlash::new(), KEY);
-    let mut session = Session::new(Unit::new(DISTILLED, back_off([1; 3])));
-    let mut references = [DISTILLED, &new].map(|table| Unit::new(table, back_off([1; 3])));
+    let mut session = Session::new(Unit::new(DISTILLED, Identity(1)));
+    let mut references = [DISTILLED, &new].map(|table| Unit::new(table, Identity(1)));
     let mut rng = Pcg64Mcg::new(3);
     let (mut step, mut activated, mut differing) = (
         UpdateFrame::Begin {
@@ -489,7 +490,7 @@ fn slots_are_decided_through_an_update() {
         let readings = Readings {
             slot,
             gain: std::array::from_fn(|_| rng.next_u32() as i16),
-            age: 1 + (rng.next_u32() % 100) as u8,
+            age: Some(1 + rng.next_u32() % 100),
             ..Readings::default()
         };
         let measurement = readings.measurement();

@@ -1,8 +1,9 @@
 //! The level tracker on a synthetic track: shadowing of 8 dB with a decorrelation distance of 50 m at 12 m/s, Rayleigh
 //! fading that is new on every sub-channel in every slot, and a distance that grows.
 
+use firmware::observation::PAPER_SUB_CHANNELS;
 use firmware::tracker::LevelTracker;
-use firmware::units::{Level, SUB_CHANNELS};
+use firmware::units::Level;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 
@@ -24,7 +25,7 @@ impl Track {
     }
 
     /// One slot further: the mean received level in dB, and what is measured with fading.
-    fn slot(&mut self) -> (f64, [Level; SUB_CHANNELS]) {
+    fn slot(&mut self) -> (f64, [Level; PAPER_SUB_CHANNELS]) {
         let travelled = 12.0e-3;
         self.distance += travelled;
         let correlation = libm::exp(-travelled / 50.0);
@@ -109,6 +110,6 @@ fn nothing_is_predicted_before_the_first_measurement() {
     let mut tracker = LevelTracker::default();
     tracker.miss();
     assert_eq!(tracker.predicted(), None);
-    tracker.measure(&[Level::from_num(12); SUB_CHANNELS]);
+    tracker.measure(&[Level::from_num(12); PAPER_SUB_CHANNELS]);
     assert_eq!(tracker.predicted(), Some(Level::from_num(12)));
 }

@@ -5,7 +5,7 @@
 //! stands in flash at [`JOB`], where the emulator's loader puts it; the results are lines of text over semihosting.
 //!
 //! # Job
-//! Little-endian words: [`MAGIC`], seed, number of slots, length of the table that decides in them, the table, zeros to a
+//! Little-endian words: [`MAGIC`], seed, number of slots, sub-channels in them, length of the table that decides in them, the table, zeros to a
 //! word, number of networks, then for each network: inputs to compute, number of widths, five widths, length of its bytes,
 //! bytes to skip (0 to 3: the next ones are then not aligned to a word), its bytes, zeros to a word.
 //!
@@ -31,12 +31,14 @@ mod target {
     use firmware::decision::{Decision, PowerPlan};
     use firmware::form::{MAX_INPUTS, ObservationForm, OutputForm};
     use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
-    use firmware::measurement::{Broadcast, Measurement, MeasurementError};
+    use firmware::lots::Identity;
+    use firmware::measurement::{Broadcast, Measurement, MeasurementError, Place, Readings};
     use firmware::network::{MAX_OUTPUTS, Network, Scratch};
     use firmware::observation::Observation;
+    use firmware::ring::{MAX_PLACES, Open, Ring};
     use firmware::table::{CHECKSUM, Table};
-    use firmware::unit::{Event, Report, Unit, back_off};
-    use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
+    use firmware::unit::{Event, Report, Unit};
+    use firmware::units::{Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannels, Weight};
     use heapless::{String, Vec};
     use rand_core::Rng;
     use rand_pcg::Pcg32;
@@ -179,6 +181,7 @@ mod target {
         let mut job = Job::find()?;
         let seed = job.word()?;
         let slots = job.word()?;
+        let sub_channels = SubChannels::new(job.word()? as usize)?;
         let length = job.word()? as usize;
         let table = job.bytes(length)?;
         let _ = job.bytes(length.next_multiple_of(4) - length)?;
@@ -207,7 +210,8 @@ mod target {
             measure_network(&counter, index, &network, inputs, rng, scratches)?;
         }
         if slots > 0 {
-            measure_slots(&counter, table, Pcg32::new(u64::from(seed), 1 << 32), slots)?;
+            let rng = Pcg32::new(u64::from(seed), 1 << 32);
+            measure_slots(&counter, table, rng, slots, sub_channels)?;
         }
         say(format_args!("done"));
         Some(())
@@ -279,11 +283,13 @@ mod target {
 
     #[inline(never)]
     fn frame_in(receiver: &mut Receiver, bytes: &[u8]) -> Option<ModemFrame> {
-        bytes
-            .iter()
-            .filter_map(|&byte| receiver.push(byte))
-            .last()
-            .and_then(Result::ok)
+        // Byte by byte, as a session: what `last` would carry along is no part of a slot.
+        for &byte in bytes {
+            if let Some(frame) = receiver.push(byte) {
+                return frame.ok();
+            }
+        }
+        None
     }
 
     #[inline(never)]
@@ -292,13 +298,13 @@ mod target {
     }
 
     #[inline(never)]
-    fn slot(unit: &mut Unit<'static, Pcg32>, event: &Event) -> Option<Report> {
+    fn slot(unit: &mut Unit<'static>, event: &Event) -> Option<Report> {
         unit.slot(event)
     }
 
     #[inline(never)]
     fn observe(form: ObservationForm, measurement: &Measurement, required_sinr: Level) -> Observation {
-        let observation = Observation::new(measurement);
+        let observation = Observation::new(measurement, Identity(0));
         form.encode(&observation, required_sinr, |input| {
             let _ = black_box(input);
         });
@@ -327,8 +333,8 @@ mod target {
 
     // Each is built on the stack before it moves to its place, so not both in one function.
     #[inline(never)]
-    fn new_unit(table: &'static [u8]) -> Option<&'static mut Unit<'static, Pcg32>> {
-        let unit = cortex_m::singleton!(: Unit<'static, Pcg32> = Unit::without_table(back_off([0; 3])))?;
+    fn new_unit(table: &'static [u8]) -> Option<&'static mut Unit<'static>> {
+        let unit = cortex_m::singleton!(: Unit<'static> = Unit::without_table(Identity(0)))?;
         unit.replace_table(table);
         Some(unit)
     }
@@ -339,15 +345,22 @@ mod target {
     }
 
     #[inline(never)]
-    fn measure_slots(counter: &Counter, table: &'static [u8], mut rng: Pcg32, slots: u32) -> Option<()> {
+    fn measure_slots(
+        counter: &Counter,
+        table: &'static [u8],
+        mut rng: Pcg32,
+        slots: u32,
+        sub_channels: SubChannels,
+    ) -> Option<()> {
         let (unit, actor) = (new_unit(table)?, new_actor(table)?);
         let (observation_form, output_form) =
             black_box((actor.table().observation_form(), actor.table().output_form()));
         let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
         let mut receiver = Receiver::default();
         let mut total = Counts::NONE;
-        let mut stages = [Counts::NONE; 7];
+        let mut stages = [Counts::NONE; 9];
         let mut index = u32::MAX - 1000;
+        let mut measured = false;
         for _ in 0..slots {
             // Now and then a modem leaves slots out, or cannot measure.
             let gap = if below(&mut rng, 64) == 0 {
@@ -360,9 +373,11 @@ mod target {
             let frame = if missed {
                 ModemFrame::Missed { slot: index }
             } else {
-                ModemFrame::Measurement((&random_measurement(&mut rng, index)?).into())
+                ModemFrame::Measurement((&random_measurement(&mut rng, index, sub_channels)?).into())
             };
             let wire = encode(&frame).ok()?;
+            let in_a_row = gap == 0 && measured;
+            measured = !missed;
 
             let (frame, frame_in_count) = counter.count(|| frame_in(&mut receiver, black_box(&wire)));
             let frame = frame?;
@@ -370,6 +385,7 @@ mod target {
             let event = event?.ok()?;
             let (report, slot_count) = counter.count(|| slot(unit, black_box(&event)));
             let report = report?;
+            let unit_count = |kind: bool| if kind { slot_count } else { 0 };
             let (answer, frame_out_count) = counter.count(|| frame_out(black_box(&report)));
             let _ = answer?;
             total.add(frame_in_count + validate_count + slot_count + frame_out_count);
@@ -380,7 +396,9 @@ mod target {
                 0,
                 0,
                 0,
-                slot_count,
+                unit_count(!missed && in_a_row),
+                unit_count(!missed && !in_a_row),
+                unit_count(missed),
                 frame_out_count,
             ];
             if let Event::Measured(measurement) = &event {
@@ -419,6 +437,8 @@ mod target {
             "infer",
             "decide",
             "unit",
+            "unit_resuming",
+            "unit_missed",
             "frame_out",
         ];
         for (name, counts) in names.into_iter().zip(stages).chain([("slot", total)]) {
@@ -436,30 +456,53 @@ mod target {
     }
 
     /// Spread over everything that a cell brings, and now and then over any level at all.
-    fn random_measurement(rng: &mut Pcg32, slot: u32) -> Option<Measurement> {
+    fn random_measurement(rng: &mut Pcg32, slot: u32, sub_channels: SubChannels) -> Option<Measurement> {
         let wild = below(rng, 16) == 0;
-        let mut level = |lowest: i32, highest: i32| {
+        let mut levels = |lowest: i32, highest: i32| -> Vec<Level, MAX_SUB_CHANNELS> {
             let (lowest, highest) = if wild {
                 (lowest.min(0) * 12, 127)
             } else {
                 (lowest, highest)
             };
-            let bits = lowest * 256 + below(rng, (highest - lowest).unsigned_abs() * 256).cast_signed();
-            Level::from_bits(bits.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16)
+            let mut level = || {
+                let bits = lowest * 256 + below(rng, (highest - lowest).unsigned_abs() * 256).cast_signed();
+                Level::from_bits(bits.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16)
+            };
+            (0..sub_channels.count()).map(|_| level()).collect()
         };
-        let gain = core::array::from_fn(|_| level(-10, 70));
-        let interference = core::array::from_fn(|_| level(0, 40));
+        let (gain, interference) = (levels(-10, 70), levels(0, 40));
         let acknowledged = match below(rng, 10) {
             0 => None,
             1 => Some(1 + below(rng, 100_000)),
-            _ => Some(1 + below(rng, u32::from(Age::MAX.slots()))),
+            _ => Some(1 + below(rng, 100)),
         };
-        let broadcast = Broadcast {
-            home: SubChannel::new(below(rng, 3) as u8)?,
-            period: Period::new(1 + below(rng, 100) as u8)?,
-            joiner_probability: JoinerProbability::from_code(below(rng, 256) as u8),
+        let count = sub_channels.count() as u32;
+        let most = if wild { u32::from(MAX_PLACES) } else { 40 };
+        let places = (count + below(rng, most.saturating_sub(count))) as u16;
+        let place = match below(rng, 4) {
+            0 => None,
+            kind => Some(Place {
+                index: below(rng, u32::from(places)) as u16,
+                assigned: kind > 1,
+            }),
         };
-        let acknowledged = acknowledged.map(|slots| SlotIndex(slot.wrapping_sub(slots)));
-        Measurement::new(SlotIndex(slot), gain, interference, acknowledged, broadcast).ok()
+        Measurement::new(&Readings {
+            slot: SlotIndex(slot),
+            gain: &gain,
+            interference: &interference,
+            last_acknowledged: acknowledged.map(|slots| SlotIndex(slot.wrapping_sub(slots))),
+            place,
+            weight: Weight(below(rng, 256) as u8),
+            awaits_acknowledgement: below(rng, 4) == 0,
+            broadcast: Broadcast {
+                ring: Ring::new(places, sub_channels)?,
+                open: Open(below(rng, 1 << 16) as u16),
+                threshold: below(rng, 1 << 28),
+                salt: below(rng, 256) as u8,
+                gains_hold: below(rng, 2) == 0,
+                max_power: Dbm::from_bits(30 << 8),
+            },
+        })
+        .ok()
     }
 }

@@ -30,12 +30,12 @@ mod stopwatch;
 mod watchdog;
 
 use firmware::link::{UnitMessage, UpdateAnswer, UpdateFrame, encode};
+use firmware::lots::Identity;
 use firmware::session::{Request, Session};
 use firmware::table_store::{Key, TableStore};
 use firmware::tables::DISTILLED;
-use firmware::unit::{Unit, back_off};
+use firmware::unit::Unit;
 use flash::Flash;
-use rand_pcg::Pcg32;
 use serial::{Received, Serial, ToSend};
 use slot_timer::SlotTimer;
 use stopwatch::Stopwatch;
@@ -68,9 +68,9 @@ fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
     clippy::mut_from_ref,
     reason = "the session is borrowed from a place that is handed out once, not from the table"
 )]
-fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static, Pcg32>> {
+fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static>> {
     // The table comes when the session is in its place, so that no second copy of it lies on the stack.
-    let session = cortex_m::singleton!(: Session<'static, Pcg32> = Session::new(Unit::without_table(back_off(identity))))?;
+    let session = cortex_m::singleton!(: Session<'static> = Session::new(Unit::without_table(Identity::of_device(identity))))?;
     session.replace_table(table);
     Some(session)
 }
@@ -92,7 +92,7 @@ mod app {
     #[local]
     struct Local {
         serial: Serial,
-        session: &'static mut Session<'static, Pcg32>,
+        session: &'static mut Session<'static>,
         slot_timer: SlotTimer,
         stopwatch: Stopwatch,
         watchdog: Watchdog,

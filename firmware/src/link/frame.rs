@@ -2,22 +2,24 @@
 
 use super::LinkError;
 use crate::decision::Decision;
-use crate::measurement::{Broadcast, Measurement, MeasurementError};
+use crate::measurement::{Broadcast, Measurement, MeasurementError, Place, Readings};
+use crate::ring::{Open, Ring};
 use crate::table::CHECKSUM;
 use crate::unit::{Event, Report, Silence, State};
-use crate::units::{Dbm, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex, SubChannel};
+use crate::units::{Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannel, SubChannels, Weight};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Room for any frame on the wire with its delimiter. The longest measurement takes 39 bytes: 33 of fields, 4 of checksum,
-/// one of byte stuffing, the delimiter; the longest chunk of an update 45, the longest answer 18.
-pub const MAX_FRAME: usize = 64;
+/// Room for any frame on the wire with its delimiter. The longest measurement, of [`MAX_SUB_CHANNELS`], takes 139 bytes: 133 of fields, 4
+/// of checksum, one of byte stuffing, the delimiter; one of 3 sub-channels at most 61, the longest chunk of an update 45, the longest
+/// answer 18.
+pub const MAX_FRAME: usize = 140;
 
 /// Bytes of a package in one frame (chosen: a multiple of the flash's words that keeps the frame within [`MAX_FRAME`]).
 pub const CHUNK_LEN: usize = 32;
 
 /// From the modem: one of the first two once a slot, the others now and then.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ModemFrame {
     /// The slot's readings.
     Measurement(MeasurementFrame),
@@ -33,6 +35,12 @@ pub enum ModemFrame {
     },
     /// A step of a table update.
     Update(UpdateFrame),
+    /// The number under which the base station knows the vehicle (LTE's C-RNTI): from now on the unit's lots are drawn under it, no
+    /// longer under the chip's identity.
+    Identity {
+        /// The number.
+        number: u32,
+    },
 }
 
 /// One step of a table update. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
@@ -105,24 +113,39 @@ pub enum UnitMessage {
     Update(UpdateAnswer),
 }
 
-/// A slot's readings as they are sent; [`Measurement`] says what they mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// One level for every sub-channel, in 1/256 dB over noise.
+pub type Levels = Vec<i16, MAX_SUB_CHANNELS>;
+
+/// A slot's readings as they are sent; [`Readings`] says what they mean.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeasurementFrame {
     /// Index of the slot to be decided.
     pub slot: u32,
-    /// Level at full power in 1/256 dB over noise.
-    pub gain: [i16; SUB_CHANNELS],
-    /// Noise plus interference of the slot before in 1/256 dB over noise.
-    pub interference: [i16; SUB_CHANNELS],
-    /// The latest acknowledged slot. A modem may leave it out once it is 100 slots old, since ages saturate there, and must
+    /// Levels at full power: as many as the cell has sub-channels.
+    pub gain: Levels,
+    /// Noise plus interference of the slot before.
+    pub interference: Levels,
+    /// The latest acknowledged slot. A modem may leave it out once it is 65,535 slots old, since ages saturate there, and must
     /// before it is 2^31 slots old, from where it would lie in the future.
     pub last_acknowledged: Option<u32>,
-    /// The home sub-channel.
-    pub home: u8,
-    /// The period in slots.
-    pub period: u8,
-    /// The joiner probability, `256 p - 1`.
-    pub joiner_probability: u8,
+    /// The vehicle's place in the ring, and whether it was handed out.
+    pub place: Option<(u16, bool)>,
+    /// Whether an acknowledgement may be under way.
+    pub awaits_acknowledgement: bool,
+    /// Places of the ring.
+    pub places: u16,
+    /// Sub-channels that are open in this slot ([`Open`]).
+    pub open: u16,
+    /// Least priority with which to contend in it.
+    pub threshold: u32,
+    /// What the sub-channels that vehicles like are drawn with.
+    pub salt: u8,
+    /// Whether gains still hold when they are used.
+    pub gains_hold: bool,
+    /// What the vehicle's age is weighed with, in 1/32.
+    pub weight: u8,
+    /// The most that vehicles may send with, in 1/256 dBm.
+    pub max_power: i16,
 }
 
 /// A slot's decision, once a slot.
@@ -142,7 +165,7 @@ impl ModemFrame {
         match self {
             Self::Missed { slot } => Some(Ok(Event::Missed(SlotIndex(*slot)))),
             Self::Measurement(frame) => Some(frame.measurement().map(Event::Measured)),
-            Self::SlotLength { .. } | Self::Update(_) => None,
+            Self::SlotLength { .. } | Self::Update(_) | Self::Identity { .. } => None,
         }
     }
 }
@@ -153,32 +176,59 @@ impl MeasurementFrame {
     /// # Errors
     /// The first reading that cannot be.
     pub fn measurement(&self) -> Result<Measurement, MeasurementError> {
-        let broadcast = Broadcast {
-            home: SubChannel::new(self.home).ok_or(MeasurementError::Home(self.home))?,
-            period: Period::new(self.period).ok_or(MeasurementError::Period(self.period))?,
-            joiner_probability: JoinerProbability::from_code(self.joiner_probability),
-        };
-        Measurement::new(
-            SlotIndex(self.slot),
-            self.gain.map(Level::from_bits),
-            self.interference.map(Level::from_bits),
-            self.last_acknowledged.map(SlotIndex),
-            broadcast,
-        )
+        let ring = SubChannels::new(self.gain.len())
+            .and_then(|sub_channels| Ring::new(self.places, sub_channels))
+            .ok_or(MeasurementError::Ring {
+                places: self.places,
+                sub_channels: self.gain.len() as u8,
+            })?;
+        Measurement::new(&Readings {
+            slot: SlotIndex(self.slot),
+            gain: &levels(&self.gain),
+            interference: &levels(&self.interference),
+            last_acknowledged: self.last_acknowledged.map(SlotIndex),
+            place: self.place.map(|(index, assigned)| Place { index, assigned }),
+            weight: Weight(self.weight),
+            awaits_acknowledgement: self.awaits_acknowledgement,
+            broadcast: Broadcast {
+                ring,
+                open: Open(self.open),
+                threshold: self.threshold,
+                salt: self.salt,
+                gains_hold: self.gains_hold,
+                max_power: Dbm::from_bits(self.max_power),
+            },
+        })
     }
+}
+
+/// Pushed one by one, since collecting could panic as far as the compiler knows.
+fn levels(bits: &Levels) -> Vec<Level, MAX_SUB_CHANNELS> {
+    let mut levels = Vec::new();
+    for &bits in bits {
+        let _ = levels.push(Level::from_bits(bits));
+    }
+    levels
 }
 
 impl From<&Measurement> for MeasurementFrame {
     fn from(measurement: &Measurement) -> Self {
         let broadcast = measurement.broadcast();
+        let bits = |levels: &[Level]| levels.iter().map(|level| level.to_bits()).collect();
         Self {
             slot: measurement.slot().0,
-            gain: measurement.gain().map(Level::to_bits),
-            interference: measurement.interference().map(Level::to_bits),
+            gain: bits(measurement.gain()),
+            interference: bits(measurement.interference()),
             last_acknowledged: measurement.last_acknowledged().map(|slot| slot.0),
-            home: broadcast.home.index() as u8,
-            period: broadcast.period.slots(),
-            joiner_probability: broadcast.joiner_probability.code(),
+            place: measurement.place().map(|place| (place.index, place.assigned)),
+            awaits_acknowledgement: measurement.awaits_acknowledgement(),
+            places: broadcast.ring.places(),
+            open: broadcast.open.0,
+            threshold: broadcast.threshold,
+            salt: broadcast.salt,
+            gains_hold: broadcast.gains_hold,
+            weight: measurement.weight().0,
+            max_power: broadcast.max_power.to_bits(),
         }
     }
 }
@@ -221,13 +271,28 @@ impl UnitFrame {
 /// # Errors
 /// [`LinkError::Encoding`] if the frame does not fit [`MAX_FRAME`]; no frame of this module is that long.
 pub fn encode<T: Serialize>(frame: &T) -> Result<Vec<u8, MAX_FRAME>, LinkError> {
-    let mut plain = [0; MAX_FRAME];
-    let fields =
-        postcard::to_slice_crc32(frame, &mut plain, CHECKSUM.digest()).map_err(|_| LinkError::Encoding)?;
-    let mut wire = Vec::new();
-    wire.resize_default(MAX_FRAME).map_err(|_| LinkError::Encoding)?;
-    let length = cobs::try_encode(fields, &mut wire).map_err(|_| LinkError::Encoding)?;
-    wire.truncate(length);
-    wire.push(0).map_err(|_| LinkError::Encoding)?;
-    Ok(wire)
+    // A place before the fields for the length of the first block.
+    let mut wire = [0; MAX_FRAME];
+    let (_, room) = wire.split_at_mut(1);
+    let length = postcard::to_slice(frame, room)
+        .map_err(|_| LinkError::Encoding)?
+        .len();
+    let (fields, rest) = room.split_at_mut_checked(length).ok_or(LinkError::Encoding)?;
+    *rest.first_chunk_mut().ok_or(LinkError::Encoding)? = CHECKSUM.checksum(fields).to_le_bytes();
+    let length = length.saturating_add(5);
+    let (stuffed, rest) = wire.split_at_mut_checked(length).ok_or(LinkError::Encoding)?;
+    // Every zero becomes the distance to the next; no frame has blocks as long as COBS's longest.
+    let mut distance = 1_u8;
+    for byte in stuffed.iter_mut().rev() {
+        let next = distance.wrapping_add(1);
+        if *byte == 0 {
+            (*byte, distance) = (distance, 1);
+        } else {
+            distance = next;
+        }
+    }
+    // The delimiter.
+    *rest.first_mut().ok_or(LinkError::Encoding)? = 0;
+    let wire = wire.get(..=length).ok_or(LinkError::Encoding)?;
+    Vec::from_slice(wire).map_err(|_| LinkError::Encoding)
 }

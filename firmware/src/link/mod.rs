@@ -5,7 +5,7 @@ mod frame;
 mod receiver;
 
 pub use frame::{
-    CHUNK_LEN, MAX_FRAME, MeasurementFrame, ModemFrame, Refusal, UnitFrame, UnitMessage, UpdateAnswer,
-    UpdateFrame, encode,
+    CHUNK_LEN, Levels, MAX_FRAME, MeasurementFrame, ModemFrame, Refusal, UnitFrame, UnitMessage,
+    UpdateAnswer, UpdateFrame, encode,
 };
 pub use receiver::{LinkError, Receiver};

@@ -1,129 +1,257 @@
 //! The arithmetic of an observation: each formula once, on plain integers. [`Observation`](super::Observation) calls it for
 //! its vehicle, the simulator for a row of worlds, lane by lane; so nothing here branches on a value.
 
-use crate::units::{Level, Period, SUB_CHANNELS};
+use crate::units::Level;
 
 /// Length of the actor's input.
-pub const INPUTS: usize = 20;
+pub const INPUTS: usize = 21;
 
 /// The int8 code of 1.0: inputs are in steps of 1/64 and saturate at -2 and +1.984.
 pub const ONE: i8 = 64;
 
-/// From this level on some sub-channel, a vehicle without success for three periods gives its turn up and joins anew
-/// (chosen: 20 dB). It parts two strong vehicles that share a turn, and leaves weak ones theirs.
-pub const STRONG: Level = Level::lit("20");
+/// Slots that a vehicle keeps a place at least that it found by itself (chosen).
+pub const LEAST_KEPT: i32 = 50;
+
+/// Frames from which on ages no longer raise a priority (chosen: some 100 slots at 20 vehicles, the paper's time constraint).
+const OLDEST_FRAMES: i32 = 15;
+
+/// No sub-channel.
+pub const NOWHERE: i32 = -1;
+
+/// What a vehicle sees in a slot's sub-channels, taken in one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sight {
+    /// The sub-channel that carries its own place, or [`NOWHERE`].
+    pub own: i32,
+    /// Its level there, in 1/256 dB; that of [`Sight::NOTHING`] where there is none.
+    pub own_gain: i32,
+    /// Of the open sub-channels the one that it likes best ([`liking`]), or [`NOWHERE`].
+    pub best: i32,
+    /// How much.
+    pub best_liking: i32,
+    /// Its level there.
+    pub best_gain: i32,
+}
+
+impl Sight {
+    /// Before the first sub-channel.
+    pub const NOTHING: Self = Self {
+        own: NOWHERE,
+        own_gain: Level::MIN.to_bits() as i32,
+        best: NOWHERE,
+        best_liking: i32::MIN,
+        best_gain: Level::MIN.to_bits() as i32,
+    };
+
+    /// Takes in a sub-channel with the place that it carries and the vehicle's level on it. `own` is the vehicle's place, negative
+    /// for none; `open` says that the one that is carried is nobody's; `liking` is [`liking`].
+    #[inline(always)]
+    #[must_use]
+    pub const fn with(
+        self,
+        sub_channel: i32,
+        place: i32,
+        gain: i32,
+        own: i32,
+        open: bool,
+        liking: i32,
+    ) -> Self {
+        let is_own = place == own;
+        let is_best = open & (liking > self.best_liking);
+        Self {
+            own: if is_own { sub_channel } else { self.own },
+            own_gain: if is_own { gain } else { self.own_gain },
+            best: if is_best { sub_channel } else { self.best },
+            best_liking: if is_best { liking } else { self.best_liking },
+            best_gain: if is_best { gain } else { self.best_gain },
+        }
+    }
+}
 
 /// What one vehicle knows in one slot, in plain integers, with the reciprocals that stand for divisions. Levels are in
-/// 1/256 dB, home first.
+/// 1/256 dB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quantities {
-    /// The age of information in slots, 1 to 100.
+    /// The age of information in slots.
     pub age: i32,
-    /// The group's period in slots, 1 to 100.
-    pub period: i32,
-    /// [`reciprocal`](crate::reciprocal::reciprocal) of the period.
-    pub period_reciprocal: i32,
-    /// [`turn_lost_after`] of the period.
-    pub turn_lost_after: i32,
-    /// [`reciprocal`](crate::reciprocal::reciprocal) of the joiner probability in 256ths.
-    pub joiner_reciprocal: i32,
-    /// Levels at the base station at full power.
-    pub gain: [i32; SUB_CHANNELS],
-    /// Noise plus interference over noise in the slot before.
-    pub interference: [i32; SUB_CHANNELS],
+    /// Sub-channels of the cell.
+    pub sub_channels: i32,
+    /// Places of the ring.
+    pub places: i32,
+    /// [`places_reciprocal`] of them.
+    pub places_reciprocal: i32,
+    /// The ring's [`frame`](crate::ring::Ring::frame).
+    pub frame: i32,
+    /// The vehicle's place, negative if it has none.
+    pub place: i32,
+    /// 1 if it was handed out, else 0.
+    pub assigned: i32,
+    /// 1 if an acknowledgement may be under way, else 0.
+    pub awaits: i32,
+    /// Places that are handed out before the vehicle's own is; none says nothing.
+    pub places_until_turn: i32,
+    /// The weight of its age, in 1/32.
+    pub weight: i32,
+    /// The least priority with which to contend, at most [`Quantities::NEVER`].
+    pub threshold: i32,
+    /// 1 if gains still hold when they are used, else 0.
+    pub gains_hold: i32,
+    /// The slot's lot, uniform on 0 to 65535.
+    pub lot: i32,
+    /// What it sees.
+    pub sight: Sight,
 }
 
 impl Quantities {
-    /// The age in periods, in 1/65536: less than 1/655 too large, so its whole periods are exact.
-    const fn periods(&self) -> i32 {
-        self.age.wrapping_mul(self.period_reciprocal)
+    /// A threshold that no priority reaches.
+    pub const NEVER: i32 = i32::MAX;
+
+    /// Whether the last success is more than `frames` ago.
+    #[inline(always)]
+    const fn older_than(&self, frames: i32) -> bool {
+        self.age.wrapping_mul(self.sub_channels) > self.places.wrapping_mul(frames)
     }
 
-    /// Whether the age is a multiple of the period.
+    /// Whether a sub-channel carries the vehicle's own place.
     #[inline(always)]
     pub const fn own_turn(&self) -> bool {
-        self.age == (self.periods() >> 16).wrapping_mul(self.period)
+        self.sight.own >= 0
     }
 
-    /// Whether the last success is so long ago that the vehicle's turn is lost.
+    /// Whether the last success is more than a frame ago.
     #[inline(always)]
-    pub const fn turn_lost(&self) -> bool {
-        self.age > self.turn_lost_after
+    pub const fn late(&self) -> bool {
+        self.older_than(1)
     }
 
-    /// Whether the last success is more than three periods ago.
+    /// Whether the last success is more than three frames ago.
     #[inline(always)]
     pub const fn overdue(&self) -> bool {
-        self.age > self.period.wrapping_mul(3)
+        self.older_than(3)
     }
 
-    /// Whether some sub-channel is [`STRONG`].
+    /// Whether the vehicle has no turn: no place, or one that it found by itself and lost again. It is lost without success for seven
+    /// frames and [`LEAST_KEPT`] slots (chosen; measured best from 5 to 60 vehicles).
     #[inline(always)]
-    pub const fn strong(&self) -> bool {
-        let [a, b, c] = self.gain;
-        let strong = STRONG.to_bits() as i32;
-        (a >= strong) | (b >= strong) | (c >= strong)
+    pub const fn turn_lost(&self) -> bool {
+        let lost = self.older_than(7) & (self.age > LEAST_KEPT);
+        (self.place < 0) | ((self.assigned == 0) & lost)
     }
 
-    /// Private randomness without a generator, uniform on 0 to 65536: u = a / (a + b) of the two foreign sub-channels'
-    /// gains, whose fast fading is independent and exponential.
+    /// How much the vehicle should be heard now, for it and for the base station alike: its weighed age, with its lot to part equals. Whose
+    /// turn will come has less, the less the sooner, and nothing in the half frame after a success (chosen; prototype in the
+    /// hard cell).
     #[inline(always)]
-    pub fn private_uniform(&self) -> i32 {
-        let [_, a, b] = self.gain;
-        share(a, b)
+    pub const fn priority(&self) -> i32 {
+        // Older ones count as these many: who can hardly be heard must not take everybody's turns.
+        let oldest = self.frame.wrapping_mul(OLDEST_FRAMES) >> 8;
+        let age = if self.age < oldest { self.age } else { oldest };
+        let age = if age < 4095 { age } else { 4095 };
+        let weighed = age
+            .wrapping_mul(self.weight)
+            .wrapping_mul((self.lot >> 10).wrapping_add(1024))
+            >> 4;
+        // In 1/256 of a frame, at most one.
+        let until = self.places_until_turn.wrapping_mul(self.places_reciprocal) >> 16;
+        let until = if until < 256 { until } else { 256 };
+        let patience = if self.gains_hold > 0 { 115 } else { 70 };
+        let owner = (weighed >> 8).wrapping_mul(until.wrapping_add(256).wrapping_mul(patience) >> 8);
+        let young = self.age.wrapping_mul(self.sub_channels).wrapping_mul(2) < self.places;
+        let owner = if young { 0 } else { owner };
+        if self.turn_lost() { weighed } else { owner }
     }
 
-    /// [`Quantities::private_uniform`] over the joiner probability, in 1/65536, at most 2^24: a joiner should send below 65536, and
-    /// the value is then uniform again. Below 65536 the reciprocal costs at most 0.0039 (`tests/observation.rs`).
+    /// Whether the vehicle is asked to contend.
     #[inline(always)]
-    pub fn thinned_uniform(&self) -> i32 {
-        // No share is a whole, so the product stays below 2^32.
-        const _: () = assert!(matches!(SHARES.last(), Some(entry) if *entry & 0xffff > 0));
-        let product = (self.private_uniform() as u32).wrapping_mul(self.joiner_reciprocal as u32);
-        (product >> 8) as i32
+    pub const fn is_called(&self) -> bool {
+        self.priority() >= self.threshold
+    }
+
+    /// At which of the four levels to be received when contending: the lot's last bits, which part nobody's priorities. The highest where
+    /// gains do not hold, so that a lower one cannot be aimed at.
+    #[inline(always)]
+    pub const fn level(&self) -> i32 {
+        if self.gains_hold > 0 { self.lot & 3 } else { 3 }
+    }
+
+    /// How far the priority is above the threshold, in sixteenths of a doubling.
+    #[inline(always)]
+    const fn call(&self) -> i32 {
+        doublings(self.priority()).wrapping_sub(doublings(self.threshold))
+    }
+
+    /// The age in five frames, in 1/64, at most 2.
+    #[inline(always)]
+    const fn age_code(&self) -> i32 {
+        let most = self.places.wrapping_mul(10);
+        let turns = self.age.wrapping_mul(self.sub_channels);
+        let turns = if turns < most { turns } else { most };
+        // In frames in 1/1024, times 12.8.
+        ((turns.wrapping_mul(self.places_reciprocal) >> 14).wrapping_mul(AGE_CODES)) >> 16
     }
 
     /// The actor's input in steps of 1/64, each in the range of i8; for its shape see
     /// [`Observation::encode`](super::Observation::encode). `required_sinr` is in 1/256 dB.
     #[inline(always)]
     pub fn encode(&self, required_sinr: i32) -> [i32; INPUTS] {
-        let [gain_0, gain_1, gain_2] = self.gain;
-        let [interference_0, interference_1, interference_2] = self.interference;
-        let thinned = self.thinned_uniform();
+        let sight = &self.sight;
         [
             flag(self.own_turn()),
             flag(self.turn_lost()),
+            flag(self.late()),
             flag(self.overdue()),
-            ((self.periods() >> 6).wrapping_mul(AGE_CODES) >> 16).min(i32::from(ONE)),
-            // 64 / 20 = 16 / 5 codes a slot
-            saturate(self.period.wrapping_mul(16) / 5),
-            gain_code(gain_0),
-            gain_code(gain_1),
-            gain_code(gain_2),
-            flag(gain_0 >= required_sinr),
-            flag(gain_1 >= required_sinr),
-            flag(gain_2 >= required_sinr),
-            flag(self.strong()),
-            // 65536 is 1.0 = 64.
-            (thinned >> 10).min(LARGEST_THINNED),
-            flag(thinned < QUARTER),
-            flag(thinned < 2 * QUARTER),
-            flag(thinned < 3 * QUARTER),
-            flag(thinned < 4 * QUARTER),
-            interference_code(interference_0),
-            interference_code(interference_1),
-            interference_code(interference_2),
+            flag(self.assigned > 0),
+            flag(self.awaits > 0),
+            saturate(self.age_code()),
+            // 64 / 20 codes a slot, which is 256.
+            saturate(self.frame.wrapping_mul(819) >> 16),
+            gain_code(sight.own_gain),
+            flag(sight.own_gain >= required_sinr),
+            gain_code(sight.best_gain),
+            flag(sight.best_gain >= required_sinr),
+            flag(self.gains_hold > 0),
+            flag(self.is_called()),
+            saturate(self.call()),
+            saturate(self.weight >> 1),
+            flag(self.level() > 0),
+            flag(self.level() > 1),
+            flag(sight.best >= 0),
+            saturate((self.places_until_turn.wrapping_mul(self.places_reciprocal)) >> 18),
+            flag(self.level() > 2),
         ]
     }
 }
 
-/// The age in slots up to which a vehicle keeps its turn: seven periods, at least 50 and at most 98 slots (chosen; measured
-/// best from 5 to 60 vehicles).
-pub fn turn_lost_after(period: Period) -> u8 {
-    period.slots().saturating_mul(7).clamp(50, 98)
+/// How much a vehicle likes an open sub-channel: by its gain if gains still hold, otherwise by its lot and the broadcast salt, so that the
+/// base station knows it. `gains_hold` is 0 or 1.
+#[inline(always)]
+pub const fn liking(gain: i32, gains_hold: i32, lot: i32, salt: i32, sub_channel: i32) -> i32 {
+    // Two rounds of multiplication (the constants of MurmurHash3): a single one ranks many sub-channels much alike for every lot.
+    let salted = lot
+        .wrapping_add(salt.wrapping_mul(0x3c6f))
+        .wrapping_add(sub_channel.wrapping_mul(0x9e37));
+    let mixed = salted.wrapping_mul(0x85eb_ca6b_u32.cast_signed());
+    let mixed = (mixed ^ mixed >> 13).wrapping_mul(0xc2b2_ae35_u32.cast_signed());
+    let mixed = mixed >> 16 & 0x7fff;
+    // A mask and no choice, of which a loop over sub-channels would be made twice.
+    let mask = gains_hold.wrapping_neg();
+    gain & mask | mixed & !mask
 }
 
-/// Codes of an age a period, in 1/64: 64 / 5 = 12.8.
+/// How many places are handed out before one that is `place`, where `first` is the next, of so many; all of them before one that the ring
+/// does not have.
+#[inline(always)]
+pub const fn until_turn(place: i32, first: i32, places: i32) -> i32 {
+    let ahead = place.wrapping_sub(first);
+    let ahead = if ahead < 0 {
+        ahead.wrapping_add(places)
+    } else {
+        ahead
+    };
+    if place < places { ahead } else { places }
+}
+
+/// Codes of an age a frame, in 1/64: 64 / 5 = 12.8.
 const AGE_CODES: i32 = 819;
 
 /// Codes of a gain in 1/256 dB, in 1/65536: 64 / 20 a dB, to 2e-4.
@@ -135,11 +263,15 @@ const GAIN_OFFSET: i32 = 112;
 /// Codes of an interference in 1/256 dB, in 1/65536: 64 / 40 a dB, to 1e-3.
 const INTERFERENCE_CODES: i32 = 410;
 
-/// Code of the largest thinned uniform that is told from larger ones: 1.25.
-const LARGEST_THINNED: i32 = 80;
-
-/// A quarter, in 1/65536: below so many of them a joiner sends at the first, second, third or fourth level.
-const QUARTER: i32 = 1 << 14;
+/// The logarithm to the base 2 in sixteenths of a number that is at least 16: straight between powers and rounded down, so at most 2.4
+/// too small. The same instructions for every number.
+#[inline(always)]
+const fn doublings(number: i32) -> i32 {
+    let number = if number < 16 { 16 } else { number };
+    let exponent = 31_i32.wrapping_sub(number.leading_zeros().cast_signed());
+    let mantissa = number >> exponent.wrapping_sub(4) & 15;
+    exponent.wrapping_mul(16).wrapping_add(mantissa)
+}
 
 /// The input for a yes or a no.
 #[inline(always)]
@@ -164,56 +296,4 @@ pub(super) fn gain_code(gain: i32) -> i32 {
 #[inline(always)]
 pub(super) fn interference_code(interference: i32) -> i32 {
     saturate(interference.wrapping_mul(INTERFERENCE_CODES) >> 16)
-}
-
-/// Difference of two levels from which their share is constant, in 1/256 dB: 40 dB.
-const SHARE_RANGE: u32 = 40 << 8;
-
-/// Spacing of [`SHARES`] in 1/256 dB, as a power of two: 0.5 dB.
-const SHARE_STEP_BITS: u32 = 7;
-
-/// In the lower half of entry `i` 65536 / (1 + 10^(i / 20)), the smaller part of two powers that are i/2 dB apart; in the
-/// upper half what it loses in the next half dB.
-static SHARES: [u32; (SHARE_RANGE >> SHARE_STEP_BITS) as usize + 1] = {
-    // 10^(1/20) in 1/2^32.
-    const RATIO: u128 = 4_819_032_567;
-    let mut table = [0; (SHARE_RANGE >> SHARE_STEP_BITS) as usize + 1];
-    let mut power: u128 = 1 << 32;
-    let mut i = 0;
-    while i < table.len() {
-        #[allow(
-            clippy::indexing_slicing,
-            clippy::arithmetic_side_effects,
-            clippy::cast_possible_truncation,
-            reason = "evaluated at compile time"
-        )]
-        {
-            let part = ((1_u128 << 48) / ((1 << 32) + power)) as u32;
-            power = (power * RATIO) >> 32;
-            let next = ((1_u128 << 48) / ((1 << 32) + power)) as u32;
-            table[i] = part | ((part - next) << 16);
-            i += 1;
-        }
-    }
-    table
-};
-
-/// a / (a + b) in 1/65536 for two powers of levels `a` and `b` in 1/256 dB.
-///
-/// Measured against f64: at most 1.7e-4 off (`tests/observation.rs`), constant beyond 40 dB.
-#[inline(always)]
-fn share(a: i32, b: i32) -> i32 {
-    let distance = a.abs_diff(b).min(SHARE_RANGE);
-    let entry = SHARES
-        .get((distance >> SHARE_STEP_BITS) as usize)
-        .copied()
-        .unwrap_or(0);
-    let position = distance & ((1 << SHARE_STEP_BITS) - 1);
-    let loss = (entry >> 16).wrapping_mul(position) >> SHARE_STEP_BITS;
-    let smaller = (entry & 0xffff).wrapping_sub(loss) as i32;
-    if a < b {
-        smaller
-    } else {
-        65_536_i32.wrapping_sub(smaller)
-    }
 }
