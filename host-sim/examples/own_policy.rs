@@ -1,20 +1,19 @@
 //! A policy of one's own in the cell, and how old it lets information get.
 //!
-//! Every vehicle whose age has reached its group's period sends on its home sub-channel at full power, but only in one of two
-//! slots, drawn by chance: members of a group then meet less often. It runs on the same worlds as two of the simulator's
-//! policies.
+//! Every vehicle whose age has reached a frame of the ring sends where its gain is largest at full power, but only in one of two
+//! slots, drawn by chance: vehicles then meet less often. It runs on the same worlds as two of the simulator's policies.
 //!
 //! ```console
 //! $ cargo run --release -p host-sim --example own_policy
 //! ```
 
-use firmware::decision::{Action, PowerPlan};
-use firmware::observation::Observation;
+use firmware::decision::Decision;
 use firmware::table::Table;
+use firmware::units::SubChannel;
 use host_sim::decisions::VehicleDecisions;
 use host_sim::lanes::LaneStream;
 use host_sim::mobility::Grid;
-use host_sim::policy::{Decider, Kind, Needs, Policy, actor, aloha, power_plan};
+use host_sim::policy::{Decider, Kind, Needs, Policy, actor, aloha};
 use host_sim::scenario::ScenarioSource;
 use host_sim::senses::Senses;
 use host_sim::simulation::{Extent, Simulation};
@@ -23,20 +22,18 @@ use kit::error::{Error, Result};
 /// What the command line would know of the policy; `docs/develop.md` says how to give it a place there.
 static KIND: Kind = Kind {
     name: "half",
-    meaning: "Whoever's age has reached its period sends in one of two slots.",
+    meaning: "Whoever's age has reached a frame sends in one of two slots.",
     // Its random streams are its own: no other policy has this number.
     stream: 100,
-    needs: Needs::Groups,
+    needs: Needs::Ring,
     build: |setup, _table| {
         Decider::Policy(Box::new(Half {
-            power_plan: power_plan(setup.scenario),
             streams: setup.row_streams(KIND.stream),
         }))
     },
 };
 
 struct Half {
-    power_plan: PowerPlan,
     /// One for each row of worlds that are simulated side by side.
     streams: Vec<LaneStream>,
 }
@@ -50,11 +47,17 @@ impl Policy for Half {
             let Some(measurement) = senses.measurement(world) else {
                 continue;
             };
-            let due = measurement.age().slots() >= measurement.broadcast().period.slots();
-            if due && word < u32::MAX / 2 {
-                let observation = Observation::new(&measurement);
-                let decision = self.power_plan.decision(Action::FullPower, &observation);
-                decisions.set(world, decision);
+            let broadcast = measurement.broadcast();
+            // In 1/256 slots.
+            let due = i32::from(measurement.age().slots()) << 8 >= broadcast.ring.frame();
+            let best = measurement.gain().iter().zip(0..).max();
+            let best = best.and_then(|(_, index)| SubChannel::new(index));
+            if let Some(sub_channel) = best
+                && due
+                && word < u32::MAX / 2
+            {
+                let power = broadcast.max_power;
+                decisions.set(world, Decision::Transmit { sub_channel, power });
             }
         }
     }

@@ -3,7 +3,6 @@
 use crate::decisions::{Decisions, SILENT};
 use crate::lanes::{LANES, Row, Rows, Vectors, ratio};
 use crate::presence::Presence;
-use firmware::units::Age;
 
 /// Level in dBm whose energy in a slot of 1 ms is 1 mJ: 1 W.
 const MILLIJOULE_DBM: f32 = 30.0;
@@ -43,7 +42,7 @@ impl Activity {
         &self.energy_mj
     }
 
-    /// The sum of the ages that receptions ended: what each received vehicle's would have become without, saturated as all ages.
+    /// The sum of the ages that receptions ended: what each received vehicle's would have become without.
     pub fn peak_ages(&self) -> &Rows<u32> {
         &self.peak_ages
     }
@@ -56,7 +55,7 @@ impl Activity {
         presence: &Presence,
         decisions: &Decisions,
         received: &Rows<u8>,
-        ages: &Rows<u8>,
+        ages: &Rows<u16>,
     ) {
         for block in 0..self.vehicles.blocks() {
             vectors.run(
@@ -117,13 +116,13 @@ fn sent(block: usize, present: &[usize], decisions: &Decisions) -> (Row<u16>, Ro
 }
 
 #[inline(always)]
-fn peak_ages(block: usize, present: &[usize], received: &Rows<u8>, ages: &Rows<u8>) -> Row<u32> {
+fn peak_ages(block: usize, present: &[usize], received: &Rows<u8>, ages: &Rows<u16>) -> Row<u32> {
     let mut sums = [0; LANES];
     for &vehicle in present {
         let (received, ages) = (received.row(block, vehicle), ages.row(block, vehicle));
         for lane in 0..LANES {
-            let peak = (ages[lane] + 1).min(Age::MAX.slots());
-            sums[lane] += u32::from(peak & received[lane].wrapping_neg());
+            let peak = u32::from(ages[lane].saturating_add(1));
+            sums[lane] += peak & u32::from(received[lane]).wrapping_neg();
         }
     }
     sums
@@ -146,8 +145,7 @@ mod tests {
         decisions.transmit(0, 2, 1, Dbm::from_bits(20 << 8));
         let (mut received, mut ages) = (Rows::new(2, 3, 0), Rows::new(2, 3, 7));
         received.set(0, 2, 1);
-        // An age that has no room to grow ends as it is.
-        for (vectors, age, peak) in [(Vectors::widest(), 41, 42), (Vectors::plain(), 100, 100)] {
+        for (vectors, age, peak) in [(Vectors::widest(), 41, 42), (Vectors::plain(), 700, 701)] {
             ages.set(0, 2, age);
             let mut activity = Activity::new(2);
             activity.record(vectors, &presence, &decisions, &received, &ages);

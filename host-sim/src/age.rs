@@ -13,7 +13,10 @@ const COLD_START_SLOTS: usize = 100;
 /// Slots at the start whose mean ages are kept one by one.
 const START_CURVE_SLOTS: usize = 300;
 
-const AGES: usize = Age::MAX.slots() as usize + 1;
+/// Where the paper's ages saturate, T.
+const TIME_CONSTRAINT: u16 = Age::TIME_CONSTRAINT.slots();
+
+const AGES: usize = TIME_CONSTRAINT as usize + 1;
 
 /// Ages of one world.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +27,8 @@ pub struct WorldAges {
     start: Vec<Mean>,
     /// By vehicle, after warm-up.
     by_vehicle: Vec<Mean>,
+    /// The same of ages that do not saturate at T.
+    uncapped: Vec<Mean>,
     successes: u64,
     slots: u64,
     /// Vehicle-slots after warm-up, each counted as the slot begins: what `transmissions` and `energy_mj` are over.
@@ -82,6 +87,8 @@ pub struct AgeCounter {
     start_counts: Vec<u64>,
     /// Sum over slots after warm-up. `[vehicle][world]`.
     by_vehicle: Rows<u32>,
+    /// The same of ages that do not saturate at T.
+    uncapped: Rows<u64>,
     /// Slots after warm-up in which a vehicle was present in some world.
     presence: Vec<u64>,
     /// Where worlds have different vehicles: how often a vehicle of the list was absent from a world, by slot from the start
@@ -106,6 +113,7 @@ impl AgeCounter {
             start: Rows::new(worlds, START_CURVE_SLOTS, 0),
             start_counts: Vec::with_capacity(START_CURVE_SLOTS),
             by_vehicle: Rows::new(worlds, vehicles, 0),
+            uncapped: Rows::new(worlds, vehicles, 0),
             presence: vec![0; vehicles],
             absences: None,
             successes: Rows::new(worlds, 1, 0),
@@ -154,7 +162,7 @@ impl AgeCounter {
     }
 
     /// [`AgeCounter::record`] where the same vehicles are present in every world.
-    fn record_all(&mut self, vectors: Vectors, slot: u32, present: &[usize], ages: &Rows<u8>) {
+    fn record_all(&mut self, vectors: Vectors, slot: u32, present: &[usize], ages: &Rows<u16>) {
         let warm = slot >= self.warmup;
         let start = self.start_counts.len();
         let starting = start < START_CURVE_SLOTS;
@@ -165,19 +173,21 @@ impl AgeCounter {
                     if starting {
                         let sums = self.start.row_mut(block, start);
                         for &vehicle in present {
-                            add(sums, ages.row(block, vehicle));
+                            add(sums, &capped(ages.row(block, vehicle)));
                         }
                     }
                     if warm {
                         for &vehicle in present {
-                            add(self.by_vehicle.row_mut(block, vehicle), ages.row(block, vehicle));
+                            let ages = ages.row(block, vehicle);
+                            add(self.by_vehicle.row_mut(block, vehicle), &capped(ages));
+                            add(self.uncapped.row_mut(block, vehicle), ages);
                         }
                     }
                 },
             );
             if warm {
                 for &vehicle in present {
-                    for (lane, &age) in ages.row(block, vehicle).iter().enumerate() {
+                    for (lane, age) in capped(ages.row(block, vehicle)).into_iter().enumerate() {
                         self.histogram.row_mut(block, usize::from(age))[lane] += 1;
                     }
                 }
@@ -193,7 +203,7 @@ impl AgeCounter {
     }
 
     /// [`AgeCounter::record`] where worlds have different vehicles: `here` is 1 where a vehicle is present, `[vehicle][world]`.
-    fn record_present(&mut self, slot: u32, here: &Rows<u8>, ages: &Rows<u8>) {
+    fn record_present(&mut self, slot: u32, here: &Rows<u8>, ages: &Rows<u16>) {
         let (worlds, vehicles) = (self.worlds, self.presence.len());
         let (slots_absent, vehicle_absent) = self.absences.get_or_insert_with(|| {
             (
@@ -206,7 +216,8 @@ impl AgeCounter {
         let starting = start < START_CURVE_SLOTS;
         for world in 0..worlds {
             for vehicle in 0..vehicles {
-                let age = ages.get(world, vehicle);
+                let uncapped = ages.get(world, vehicle);
+                let age = uncapped.min(TIME_CONSTRAINT);
                 let here = here.get(world, vehicle) > 0;
                 let count = |rows: &mut Rows<u32>, item: usize, more: u32| {
                     rows.set(world, item, rows.get(world, item) + more);
@@ -218,6 +229,8 @@ impl AgeCounter {
                 }
                 if warm && here {
                     count(&mut self.by_vehicle, vehicle, age.into());
+                    let sum = self.uncapped.get(world, vehicle) + u64::from(uncapped);
+                    self.uncapped.set(world, vehicle, sum);
                     let seen = self.histogram.get(world, usize::from(age));
                     self.histogram.set(world, usize::from(age), seen + 1);
                 } else if warm {
@@ -236,31 +249,28 @@ impl AgeCounter {
 
     /// What was counted in each world.
     pub fn worlds(&self) -> Vec<WorldAges> {
-        let mean = |sum: u32, count: u64| Mean {
-            sum: u64::from(sum),
-            count,
-        };
+        let mean = |sum: u64, count: u64| Mean { sum, count };
         let absent = |rows: Option<&Rows<u32>>, world, item| {
             rows.map_or(0, |rows: &Rows<u32>| u64::from(rows.get(world, item)))
         };
         let slots_absent = self.absences.as_ref().map(|(slots, _)| slots);
         let vehicle_absent = self.absences.as_ref().map(|(_, vehicles)| vehicles);
+        let by_vehicle = |world, sum: &dyn Fn(usize) -> u64| {
+            let present = self.presence.iter().enumerate();
+            let mean = |(vehicle, &count)| mean(sum(vehicle), count - absent(vehicle_absent, world, vehicle));
+            present.map(mean).collect()
+        };
         let world = |world| WorldAges {
             histogram: std::array::from_fn(|age| self.histogram.get(world, age)),
             start: (0..)
                 .zip(&self.start_counts)
                 .map(|(slot, &count)| {
                     let count = count - absent(slots_absent, world, slot);
-                    mean(self.start.get(world, slot), count)
+                    mean(self.start.get(world, slot).into(), count)
                 })
                 .collect(),
-            by_vehicle: (0..)
-                .zip(&self.presence)
-                .map(|(vehicle, &count)| {
-                    let count = count - absent(vehicle_absent, world, vehicle);
-                    mean(self.by_vehicle.get(world, vehicle), count)
-                })
-                .collect(),
+            by_vehicle: by_vehicle(world, &|vehicle| self.by_vehicle.get(world, vehicle).into()),
+            uncapped: by_vehicle(world, &|vehicle| self.uncapped.get(world, vehicle)),
             successes: self.successes.get(world, 0),
             slots: self.slots,
             vehicle_slots: self.vehicle_slots.get(world, 0),
@@ -271,6 +281,12 @@ impl AgeCounter {
         };
         (0..self.worlds).map(world).collect()
     }
+}
+
+/// Ages as the paper has them.
+#[inline(always)]
+fn capped(ages: &Row<u16>) -> Row<u16> {
+    ages.map(|age| age.min(TIME_CONSTRAINT))
 }
 
 #[inline(always)]
@@ -319,6 +335,8 @@ pub struct AgeSummary {
     pub mean_ms: f64,
     /// Half the width of the mean's 95 % interval over worlds (Student's t); `None` for a single world.
     pub ci95_ms: Option<f64>,
+    /// The mean of ages that do not saturate at T = 100 ms, over vehicles and slots after warm-up of all worlds.
+    pub uncapped_mean_ms: f64,
     /// Median over worlds of their means.
     pub median_world_ms: f64,
     /// Mean of each world in which a vehicle was present after warm-up, in the order of worlds.
@@ -331,12 +349,14 @@ pub struct AgeSummary {
     pub first100_ms: f64,
     /// Successful transmissions a slot after warm-up.
     pub success_per_slot: f64,
-    /// Peak age: mean over receptions after warm-up of the age that each ended, saturated as all ages; `None` without one
+    /// Peak age: mean over receptions after warm-up of the age that each ended, not saturated; `None` without one
     /// (Costa, Codreanu and Ephremides, "On the age of information in status update systems with packet management", 2016).
     pub peak_ms: Option<f64>,
     /// The worst 5 % of vehicles, those at the cell's edge: 95th percentile over vehicles of all worlds of their mean ages after
     /// warm-up.
     pub worst_vehicles_ms: f64,
+    /// The same of ages that do not saturate at T = 100 ms.
+    pub uncapped_worst_vehicles_ms: f64,
     /// Transmissions after warm-up, received or not, a vehicle and slot.
     pub transmissions_per_vehicle_slot: f64,
     /// Mean radiated energy after warm-up, a vehicle and slot: 1 W in a slot of 1 ms is 1 mJ.
@@ -383,6 +403,9 @@ impl AgeSummary {
             .iter()
             .take(COLD_START_SLOTS)
             .for_each(|mean| cold_start.merge(mean));
+        let mut uncapped = Mean::default();
+        let vehicles = worlds.iter().flat_map(|world| &world.uncapped);
+        vehicles.for_each(|mean| uncapped.merge(mean));
         let slots: u64 = worlds.iter().map(|world| world.slots).sum();
         let successes: u64 = worlds.iter().map(|world| world.successes).sum();
         let vehicle_slots: u64 = histogram.iter().sum();
@@ -394,6 +417,7 @@ impl AgeSummary {
         Some(Self {
             mean_ms,
             ci95_ms,
+            uncapped_mean_ms: uncapped.value().unwrap_or(mean_ms),
             median_world_ms,
             by_world_ms,
             joiners: Joiners::new(worlds),
@@ -401,7 +425,8 @@ impl AgeSummary {
             first100_ms: cold_start.value().unwrap_or(mean_ms),
             success_per_slot: successes as f64 / slots as f64,
             peak_ms: (successes > 0).then(|| peak_ages as f64 / successes as f64),
-            worst_vehicles_ms: worst_vehicles(worlds)?,
+            worst_vehicles_ms: worst_vehicles(worlds, |world| &world.by_vehicle)?,
+            uncapped_worst_vehicles_ms: worst_vehicles(worlds, |world| &world.uncapped)?,
             transmissions_per_vehicle_slot: transmissions as f64 / began as f64,
             energy_mj_per_vehicle_slot: energy_mj / began as f64,
             by_vehicle,
@@ -431,8 +456,8 @@ impl AgeSummary {
 }
 
 /// The mean age that 5 % of the vehicles of all worlds exceed: the smallest that at least 95 % do not.
-fn worst_vehicles(worlds: &[WorldAges]) -> Option<f64> {
-    let vehicles = worlds.iter().flat_map(|world| &world.by_vehicle);
+fn worst_vehicles(worlds: &[WorldAges], of: impl Fn(&WorldAges) -> &[Mean]) -> Option<f64> {
+    let vehicles = worlds.iter().flat_map(of);
     let mut means: Vec<f64> = vehicles.filter_map(Mean::value).collect();
     means.sort_by(f64::total_cmp);
     means
@@ -486,7 +511,7 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
     );
     let (vehicles, sub_channels) = (u64::from(vehicles), u64::from(sub_channels));
     // An interval of L slots adds 1 + 2 + ... + L, where every term saturates at the largest age.
-    let limit = u64::from(Age::MAX.slots());
+    let limit = u64::from(TIME_CONSTRAINT);
     let interval = |length: u64| {
         let growing = length.min(limit);
         growing * (growing + 1) / 2 + (length - growing) * limit
@@ -514,8 +539,8 @@ mod tests {
         let mut counter = AgeCounter::new(2, 2, 1);
         for slot in 0..4 {
             let mut ages = Rows::new(2, 1, 0);
-            ages.set(0, 0, 1 + slot as u8);
-            ages.set(1, 0, 3 + slot as u8);
+            ages.set(0, 0, 1 + slot as u16);
+            ages.set(1, 0, 3 + slot as u16);
             counter.record_all(Vectors::widest(), slot, &[0], &ages);
             if slot >= 2 {
                 let activity = Activity {
@@ -555,7 +580,7 @@ mod tests {
             here.set(world, vehicle, 0);
         }
         for age in 0..39 {
-            ages.set(age % 2, age / 2, 1 + age as u8);
+            ages.set(age % 2, age / 2, 1 + age as u16);
         }
         ages.set(1, 19, 39);
         ages.set(0, 20, 40);

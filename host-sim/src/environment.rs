@@ -10,7 +10,7 @@ use crate::activity::Activity;
 use crate::base_station::BaseStation;
 use crate::channel::Channel;
 use crate::churn::Churn;
-use crate::decisions::Decisions;
+use crate::decisions::{Decisions, SILENT};
 use crate::imperfections::{Losses, sensing};
 use crate::lanes::{LANES, Rows, Vectors};
 use crate::mobility::{Mobility, MobilitySource, Place};
@@ -21,20 +21,23 @@ use crate::scenario::Scenario;
 use crate::senses::{AllSenses, Broadcasts, Readings, Senses, Sensing};
 use crate::stream::{Purpose, WorldKey};
 use crate::truth::{Knowledge, Truth};
+use firmware::lots::Identity;
 use firmware::measurement::{Broadcast, Measurement};
 use firmware::units::{Age, SlotIndex};
 use kit::error::{Error, Result};
 use std::ops::Range;
 
 /// Index of a world's first slot: every start age then has a slot in which the vehicle was last received.
-const FIRST_SLOT: u32 = Age::MAX.slots() as u32;
+const FIRST_SLOT: u32 = Age::TIME_CONSTRAINT.slots() as u32;
+
+/// What the age of a vehicle that associates would be in the slot before.
+const BEFORE_FIRST: Age = Age::after(Age::TIME_CONSTRAINT.slots() as u32 - 1);
 
 /// Worlds of one scenario at the beginning of a slot, before anybody decides.
 ///
 /// ```
 /// use host_sim::decisions::Decisions;
 /// use host_sim::mobility::Grid;
-/// use host_sim::policy::power_plan;
 /// use host_sim::stream::Purpose;
 /// use host_sim::{Environment, ScenarioSource};
 ///
@@ -43,11 +46,11 @@ const FIRST_SLOT: u32 = Age::MAX.slots() as u32;
 /// let mut environment = Environment::new(&scenario, &Grid, 1, Purpose::Evaluation, 0..2);
 /// let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
 /// // In world 0 vehicle 3 sends alone, on sub-channel 1 at full power.
-/// decisions.transmit(0, 3, 1, power_plan(&scenario).max_power);
+/// decisions.transmit(0, 3, 1, scenario.radio.max_power());
 /// environment.step(&decisions);
-/// let age = if environment.received(0, 3) { 1 } else { 100 };
+/// let age = if environment.received(0, 3) { 1 } else { 101 };
 /// assert_eq!(environment.age(0, 3).slots(), age);
-/// assert_eq!(environment.age(1, 3).slots(), 100);
+/// assert_eq!(environment.age(1, 3).slots(), 101);
 /// # Ok(())
 /// # }
 /// ```
@@ -78,14 +81,18 @@ pub struct Environment<'s> {
     grant_losses: Option<Losses>,
     activity: Activity,
     /// In slots, `[vehicle][world]`.
-    ages: Rows<u8>,
+    ages: Rows<u16>,
+    /// 1 where a vehicle sent in the slot before, `[vehicle][world]`; where acknowledgements are late.
+    sent: Option<Rows<u8>>,
+    /// Whether vehicles decide for themselves, as far as is known, and so listen to whom the base station calls.
+    listened_to: bool,
     /// The decisions of those who are present, where worlds have different vehicles.
     present_decisions: Option<Decisions>,
     slot: u32,
 }
 
 impl<'s> Environment<'s> {
-    /// The worlds with these indices before their first slot. Every vehicle starts at the largest age.
+    /// The worlds with these indices before their first slot. Every vehicle starts at the age of the time constraint.
     pub fn new(
         scenario: &'s Scenario,
         source: &'s dyn MobilitySource,
@@ -131,7 +138,9 @@ impl<'s> Environment<'s> {
             sensing: sensing(scenario, vehicles, &keys),
             grant_losses: Losses::new(scenario.feedback.grant_loss, 4, &keys),
             activity: Activity::new(count),
-            ages: Rows::new(count, vehicles, Age::MAX.slots()),
+            ages: Rows::new(count, vehicles, Age::TIME_CONSTRAINT.slots()),
+            sent: (scenario.feedback.acknowledgement_delay_slots > 0).then(|| Rows::new(count, vehicles, 0)),
+            listened_to: true,
             present_decisions: differs.then(|| Decisions::new(count, vehicles)),
             keys,
             slot: FIRST_SLOT,
@@ -241,7 +250,7 @@ impl<'s> Environment<'s> {
     }
 
     /// Ages of information at the beginning of the slot, in slots: `[vehicle][world]`.
-    pub fn ages(&self) -> &Rows<u8> {
+    pub fn ages(&self) -> &Rows<u16> {
         &self.ages
     }
 
@@ -309,6 +318,11 @@ impl<'s> Environment<'s> {
         self.all_senses().broadcasts(block)
     }
 
+    /// The number under which a vehicle is known, which its unit's lots follow from.
+    pub fn identity(&self, world: usize, vehicle: usize) -> Identity {
+        self.base_station.announcements().identity(world, vehicle)
+    }
+
     /// What a present vehicle hears from the base station: [`Senses::broadcast`].
     pub fn broadcast(&self, world: usize, vehicle: usize) -> Option<Broadcast> {
         self.senses(world / LANES, vehicle).broadcast(world % LANES)
@@ -338,6 +352,7 @@ impl<'s> Environment<'s> {
 
     /// Lets somebody decide for everybody, from what they may know. `decisions` are all silent beforehand.
     pub fn decide(&mut self, decider: &mut Decider<'_>, decisions: &mut Decisions) {
+        self.listened_to = matches!(decider, Decider::Policy(_));
         match decider {
             Decider::Policy(policy) => {
                 let senses = self.all_senses();
@@ -385,6 +400,19 @@ impl<'s> Environment<'s> {
         let (ages, received) = (&mut self.ages, self.radio.received());
         self.activity
             .record(self.vectors, &self.presence, decisions, received, ages);
+        self.base_station
+            .receive(SlotIndex(self.slot), present, ages, |world, vehicle| {
+                let sub_channel = decisions.transmission(world, vehicle)?.0;
+                (received.get(world, vehicle) > 0).then_some(sub_channel)
+            });
+        if let Some(sent) = &mut self.sent {
+            for block in 0..sent.blocks() {
+                for &vehicle in present {
+                    let (chosen, _) = decisions.rows(block, vehicle);
+                    *sent.row_mut(block, vehicle) = chosen.map(|chosen| u8::from(chosen != SILENT));
+                }
+            }
+        }
         for block in 0..ages.blocks() {
             self.vectors.run(
                 #[inline(always)]
@@ -394,7 +422,7 @@ impl<'s> Environment<'s> {
                         let ages = ages.row_mut(block, vehicle);
                         for lane in 0..LANES {
                             // Paper eq. 4.
-                            let older = (ages[lane] + 1).min(Age::MAX.slots());
+                            let older = ages[lane].saturating_add(1);
                             ages[lane] = if received[lane] > 0 {
                                 Age::MIN.slots()
                             } else {
@@ -434,6 +462,7 @@ impl<'s> Environment<'s> {
                 &self.channel,
                 &self.radio,
                 &self.ages,
+                self.sent.as_ref(),
                 &self.base_station,
             )),
         }
@@ -469,12 +498,19 @@ impl<'s> Environment<'s> {
         }
         let present = self.presence.vehicles();
         self.channel.fade(self.vectors, present);
-        self.base_station.prepare(self.vectors, present, &self.ages);
+        self.base_station
+            .prepare(SlotIndex(self.slot), present, &self.ages, self.listened_to);
         self.begin_sensing();
     }
 
     fn begin_sensing(&mut self) {
-        let truth = true_readings(&self.channel, &self.radio, &self.ages, &self.base_station);
+        let truth = true_readings(
+            &self.channel,
+            &self.radio,
+            &self.ages,
+            self.sent.as_ref(),
+            &self.base_station,
+        );
         self.sensing.begin_slot(SlotIndex(self.slot), &truth);
     }
 
@@ -493,10 +529,11 @@ impl<'s> Environment<'s> {
                     places[index].1 = place;
                 }
                 self.channel.replace(world, vehicle, place);
-                self.base_station.replace(world, vehicle);
+                let large_scale_db = self.channel.large_scale_db();
+                self.base_station.replace(world, vehicle, large_scale_db);
                 self.radio.arrive(world, vehicle);
-                self.ages.set(world, vehicle, Age::MAX.slots());
-                self.sensing.begin_unit(world, vehicle, Age::MAX);
+                self.ages.set(world, vehicle, Age::TIME_CONSTRAINT.slots());
+                self.sensing.begin_unit(world, vehicle, BEFORE_FIRST);
             }
         }
     }
@@ -530,13 +567,14 @@ impl<'s> Environment<'s> {
             .update(world, &self.places[world], arrivals, departures);
         for world in worlds {
             for &vehicle in arrivals.iter() {
-                self.ages.set(world, vehicle, Age::MAX.slots());
+                self.ages.set(world, vehicle, Age::TIME_CONSTRAINT.slots());
                 self.radio.arrive(world, vehicle);
-                self.sensing.begin_unit(world, vehicle, Age::MAX);
+                self.sensing.begin_unit(world, vehicle, BEFORE_FIRST);
             }
             let large_scale_db = self.channel.large_scale_db();
+            let present = self.places[world].iter().map(|&(vehicle, _)| vehicle);
             self.base_station
-                .update(world, arrivals, departures, large_scale_db);
+                .update(world, arrivals, departures, present, large_scale_db);
         }
     }
 }
@@ -545,13 +583,17 @@ impl<'s> Environment<'s> {
 fn true_readings<'t>(
     channel: &'t Channel<'_>,
     radio: &'t Radio,
-    ages: &'t Rows<u8>,
+    ages: &'t Rows<u16>,
+    sent: Option<&'t Rows<u8>>,
     base_station: &'t BaseStation,
 ) -> Readings<'t> {
     Readings {
         gains_db: channel.gain_db(),
         interferences_db: radio.interference_db(),
         ages,
+        sent,
+        found: base_station.announcements().found(),
+        awaited: None,
         announcements: base_station.announcements(),
         heard: None,
         measured: None,
@@ -562,7 +604,10 @@ fn true_readings<'t>(
 mod tests {
     use super::*;
     use crate::mobility::Grid;
+    use crate::policy::clock;
     use crate::scenario::ScenarioSource;
+    use firmware::observation::Observation;
+    use firmware::table::Table;
     use firmware::units::Dbm;
 
     #[test]
@@ -577,7 +622,7 @@ mod tests {
         let source = Grid;
         let mut environment = Environment::new(&scenario, &source, 3, Purpose::Evaluation, 0..worlds);
         let mut decisions = Decisions::new(environment.worlds(), 2);
-        let mut expected = vec![100_u8; environment.worlds()];
+        let mut expected = vec![100_u16; environment.worlds()];
         for slot in 0..300 {
             // Vehicle 0 sends in every fifth slot, vehicle 1 never.
             decisions.clear();
@@ -593,13 +638,99 @@ mod tests {
                     environment.age(world, 0),
                     "the unit's age is the base station's"
                 );
-                *expected = if success { 1 } else { (*expected + 1).min(100) };
-                assert_eq!(environment.age(world, 1).slots(), 100);
+                *expected = if success { 1 } else { *expected + 1 };
+                assert_eq!(environment.age(world, 1).slots(), 100 + slot);
             }
             environment.step(&decisions);
             for (world, expected) in expected.iter().enumerate() {
                 assert_eq!(environment.received(world, 0), *expected == 1);
             }
         }
+    }
+
+    /// What the base station takes its vehicles to do is what their units do, as long as nothing gets lost between them: who is called,
+    /// who has which place, who has lost it.
+    #[test]
+    fn the_base_station_counts_on_exactly_those_who_are_called() {
+        for settings in [
+            &["radio.carrier_ghz=5.9", "radio.max_power_dbm=20"][..],
+            // Gains do not hold.
+            &[
+                "radio.carrier_ghz=5.9",
+                "radio.max_power_dbm=20",
+                "knowledge.gain_delay_slots=4",
+            ],
+            &["feedback.place_loss=1"],
+            &[
+                "feedback.place_loss=0.5",
+                "cell.vehicles=40",
+                "radio.sub_channels=8",
+            ],
+            &[
+                "feedback.place_loss=1",
+                "radio.sub_channels=1",
+                "cell.vehicles=6",
+                "cell.replacement_probability=1e-2",
+            ],
+            &["feedback.place_loss=0.5", "cell.replacement_probability=2e-3"],
+        ] {
+            let (called, finders) = compare_with_units(settings);
+            assert!(called > 100, "{settings:?}: {called}");
+            let may_find = settings.iter().any(|setting| setting.starts_with("feedback"));
+            assert_eq!(finders > 1000, may_find, "{settings:?}: {finders}");
+        }
+    }
+
+    /// How often vehicles were called, and how often they had a place that they had found.
+    fn compare_with_units(settings: &[&str]) -> (u32, u32) {
+        let scenario = ScenarioSource {
+            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
+            ..ScenarioSource::default()
+        }
+        .read()
+        .unwrap();
+        let table = Table::parse(firmware::tables::DISTILLED).unwrap();
+        let mut environment = Environment::new(&scenario, &Grid, 3, Purpose::Evaluation, 0..4);
+        let mut clock = (clock::KIND.build)(&environment.setup(), &table);
+        let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+        let (mut called, mut finders) = (0, 0);
+        for slot in 0..700 {
+            for world in 0..environment.worlds() {
+                let mut places = vec![false; firmware::ring::MAX_PLACES.into()];
+                for vehicle in 0..environment.vehicles() {
+                    let measurement = environment.measurement(world, vehicle).unwrap();
+                    let observation = Observation::new(&measurement, environment.identity(world, vehicle));
+                    let known = observation.quantities();
+                    let station = &environment.base_station;
+                    let place = format!("{settings:?}, slot {slot}, world {world}, vehicle {vehicle}");
+                    // Who sends in its own place needs no call.
+                    let own = known.own_turn() && !known.turn_lost();
+                    let is_called = known.is_called() && !own;
+                    assert_eq!(is_called, station.counts_on(world, vehicle), "{place}");
+                    assert_eq!(
+                        !known.turn_lost(),
+                        station.keeps(world, vehicle, &environment.ages),
+                        "{place}"
+                    );
+                    called += u32::from(is_called);
+                    let Some(own) = measurement.place().filter(|_| !known.turn_lost()) else {
+                        continue;
+                    };
+                    assert!(own.index < measurement.broadcast().ring.places(), "{place}");
+                    let taken = std::mem::replace(&mut places[usize::from(own.index)], true);
+                    assert!(!taken, "place {} is two vehicles', {place}", own.index);
+                    assert_eq!(
+                        station.announcements().booked().get(world, vehicle),
+                        own.index,
+                        "{place}"
+                    );
+                    finders += u32::from(!own.assigned);
+                }
+            }
+            decisions.clear();
+            environment.decide(&mut clock, &mut decisions);
+            environment.step(&decisions);
+        }
+        (called, finders)
     }
 }

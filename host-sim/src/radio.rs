@@ -1,7 +1,7 @@
 //! Who is received in a slot: interference, signal-to-interference-and-noise ratio, success (paper eqs. 2 and 3).
 
 use crate::decisions::{Decisions, SILENT};
-use crate::lanes::{LANES, LaneStream, Row, Rows, Vectors, decibels, ratio, unit_interval};
+use crate::lanes::{LANES, LaneStream, Row, Rows, Vectors, decibels, ratio, unit_interval, widened};
 use crate::neighbours::Neighbours;
 use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
@@ -244,11 +244,6 @@ impl BlockErrors {
         }
         received
     }
-}
-
-#[inline(always)]
-fn widened(row: &Row<u8>) -> Row<i32> {
-    row.map(i32::from)
 }
 
 /// All bits, or none. Values are chosen by masks because the compiler would make branches or masked stores of conditions.

@@ -9,7 +9,7 @@
 //! not in it:
 //!
 //! ```compile_fail,E0061
-//! fn spy(senses: &host_sim::senses::Senses<'_>) -> u8 {
+//! fn spy(senses: &host_sim::senses::Senses<'_>) -> u16 {
 //!     let other_vehicle = 7;
 //!     senses.ages(other_vehicle)[0]
 //! }
@@ -27,12 +27,14 @@
 //! }
 //! ```
 
-use crate::base_station::Announcements;
+use crate::base_station::{Announcements, NO_PLACE};
 use crate::imperfections::HeardBroadcasts;
 use crate::lanes::{LANES, Row, Rows, Vectors, floor};
 use crate::presence::Presence;
-use firmware::measurement::{Broadcast, Measurement};
-use firmware::units::{Age, JoinerProbability, Level, Period, SUB_CHANNELS, SlotIndex};
+use firmware::measurement;
+use firmware::measurement::{Broadcast, Measurement, Place};
+use firmware::ring::{Open, Ring};
+use firmware::units::{Age, Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, Weight};
 
 /// What the receivers of all units take in at the beginning of a slot, before their modems round it.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +44,13 @@ pub struct Readings<'t> {
     /// Noise plus others' power in the slot before, in dB over noise, `[vehicle][sub_channel][world]`.
     pub interferences_db: &'t Rows<f32>,
     /// Slots since the last acknowledgement, `[vehicle][world]`.
-    pub ages: &'t Rows<u8>,
+    pub ages: &'t Rows<u16>,
+    /// 1 where a vehicle sent in the slot before, `[vehicle][world]`; `None` where acknowledgements come at once.
+    pub sent: Option<&'t Rows<u8>>,
+    /// Where those who were not told their place were last received and know it, or [`NO_PLACE`]; `[vehicle][world]`.
+    pub found: &'t Rows<u16>,
+    /// Slots until the last acknowledgement that may be under way has arrived, `[vehicle][world]`; `None` if they come at once.
+    pub awaited: Option<&'t Rows<u8>>,
     /// What the base station assigned and broadcasts.
     pub announcements: &'t Announcements,
     /// What each vehicle last heard of its broadcasts; `None` if everybody hears all of them.
@@ -53,7 +61,8 @@ pub struct Readings<'t> {
 
 /// What comes between the truth and the units: an imperfection is one of these, and may contain another.
 pub trait Sensing: Send + Sync {
-    /// A vehicle's unit begins in the next slot, with this age as it knows it: it knows nothing of who had its index before.
+    /// A vehicle's unit begins, with this age as it knows it in the slot that was begun last, so one more in the next: it knows nothing
+    /// of who had its index before.
     fn begin_unit(&mut self, _world: usize, _vehicle: usize, _age: Age) {}
 
     /// Takes in the truth at the beginning of a slot, before anybody reads it.
@@ -111,6 +120,7 @@ impl<'t> AllSenses<'t> {
     /// What everybody in a row of worlds can hear.
     pub(crate) fn broadcasts(&self, block: usize) -> Broadcasts<'t> {
         Broadcasts {
+            slot: self.slot,
             block,
             worlds: (self.worlds - block * LANES).min(LANES),
             presence: self.presence,
@@ -170,6 +180,22 @@ impl Senses<'_> {
         self.sub_channels
     }
 
+    /// The numbers under which the vehicle is known, which its lots follow from ([`Identity`](firmware::lots::Identity)).
+    #[inline(always)]
+    pub fn identities(&self) -> &Row<u32> {
+        let identities = self.readings.announcements.identities();
+        identities.row(self.block, self.vehicle)
+    }
+
+    /// What the vehicle's age is weighed with ([`Weight`]).
+    #[inline(always)]
+    pub fn weights(&self) -> &Row<u8> {
+        self.readings
+            .announcements
+            .weights()
+            .row(self.block, self.vehicle)
+    }
+
     /// Whether the vehicle is present in a world of the row; where it is not, its decision counts for nothing.
     #[inline(always)]
     pub fn is_present(&self, lane: usize) -> bool {
@@ -185,7 +211,7 @@ impl Senses<'_> {
 
     /// The vehicle's age of information at the beginning of the slot, in slots.
     #[inline(always)]
-    pub fn ages(&self) -> &Row<u8> {
+    pub fn ages(&self) -> &Row<u16> {
         self.readings.ages.row(self.block, self.vehicle)
     }
 
@@ -211,52 +237,63 @@ impl Senses<'_> {
         levels
     }
 
-    /// The sub-channel of the vehicle's group; none of theirs where it has no group.
+    /// The place in the ring that is the vehicle's own, or [`NO_PLACE`], and 1 where it was handed out at association.
     #[inline(always)]
-    pub fn homes(&self) -> &Row<u8> {
-        self.readings.announcements.homes().row(self.block, self.vehicle)
-    }
-
-    /// The slot of its group's frame that was handed to the vehicle at association, and is its own as long as it is told no other
-    /// one. `None` where that did not get through, and where it is absent.
-    pub fn position(&self, lane: usize) -> Option<u16> {
-        let world = self.block * LANES + lane;
-        self.readings.announcements.position(world, self.vehicle)
-    }
-
-    /// The age in slots up to which the vehicle keeps its turn, which follows from its period.
-    #[inline(always)]
-    pub fn turns_lost_after(&self) -> &Row<u8> {
-        if let Some(heard) = self.readings.heard {
-            return heard.turns_lost_after(self.block, self.vehicle);
+    pub fn places(&self) -> (Row<u16>, &Row<u8>) {
+        let told = self.readings.announcements.told().row(self.block, self.vehicle);
+        let booked = self.readings.announcements.booked().row(self.block, self.vehicle);
+        let found = self.readings.found.row(self.block, self.vehicle);
+        let mut places = [NO_PLACE; LANES];
+        for lane in 0..LANES {
+            places[lane] = if told[lane] > 0 { booked[lane] } else { found[lane] };
         }
-        let ages = self.readings.announcements.turns_lost_after();
-        ages.row(self.block, self.vehicle)
+        (places, told)
     }
 
-    /// What the vehicle last heard of its group's broadcast, where not everybody hears all: periods in slots, 0 where it is too
-    /// long to be announced, and codes of the joiner probability.
+    /// The vehicle's place in the frame in which everybody has one, that of those who know nothing better. `None` where that did not get
+    /// through, and where it is absent.
+    pub fn frame_place(&self, lane: usize) -> Option<u16> {
+        let world = self.block * LANES + lane;
+        self.readings.announcements.frame_place(world, self.vehicle)
+    }
+
+    /// 1 where an acknowledgement of what the vehicle sent may be under way.
     #[inline(always)]
-    pub fn heard(&self) -> Option<(&Row<u8>, &Row<u8>)> {
-        self.readings.heard.map(|heard| {
-            (
-                heard.periods(self.block, self.vehicle),
-                heard.joiner_codes(self.block, self.vehicle),
-            )
-        })
+    pub fn awaits(&self) -> Row<u8> {
+        let mut awaits = [0; LANES];
+        if let Some(awaited) = self.readings.awaited {
+            let awaited = awaited.row(self.block, self.vehicle);
+            for lane in 0..LANES {
+                awaits[lane] = u8::from(awaited[lane] > 0);
+            }
+        }
+        awaits
     }
 
-    /// What the vehicle knows from the base station in a world of the row. `None` where it is absent, in a group that is too
-    /// large, or on a sub-channel that units do not know.
+    /// What the vehicle last heard, where not everybody hears all.
+    #[inline(always)]
+    pub fn heard(&self) -> Option<Heard<'_>> {
+        self.readings
+            .heard
+            .map(|heard| heard.of(self.block, self.vehicle))
+    }
+
+    /// What the vehicle knows from the base station in a world of the row. `None` where it is absent, and where the ring cannot be
+    /// announced.
     pub fn broadcast(&self, lane: usize) -> Option<Broadcast> {
         let world = self.block * LANES + lane;
-        let now = self.readings.announcements.broadcast(world, self.vehicle)?;
-        let Some((periods, codes)) = self.heard() else {
+        if self.readings.announcements.associated().get(world, self.vehicle) == 0 {
+            return None;
+        }
+        let now = self.readings.announcements.broadcast(world)?;
+        let Some(heard) = self.heard() else {
             return Some(now);
         };
         Some(Broadcast {
-            period: Period::new(periods[lane])?,
-            joiner_probability: JoinerProbability::from_code(codes[lane]),
+            ring: Ring::new(heard.places[lane], now.ring.sub_channels())?,
+            open: Open(heard.open[lane]),
+            threshold: heard.thresholds[lane],
+            salt: heard.salts[lane],
             ..now
         })
     }
@@ -269,11 +306,14 @@ impl Senses<'_> {
             return None;
         }
         let broadcast = self.broadcast(lane)?;
-        let levels = |values: &Rows<f32>| -> [Level; SUB_CHANNELS] {
-            std::array::from_fn(|sub_channel| {
-                let row = values.row(self.block, self.vehicle * SUB_CHANNELS + sub_channel);
-                Level::from_bits(level(row[lane]) as i16)
-            })
+        let count = broadcast.ring.sub_channels().count();
+        let levels = |values: &Rows<f32>| {
+            let mut levels = [Level::ZERO; MAX_SUB_CHANNELS];
+            for (sub_channel, bits) in levels.iter_mut().enumerate().take(count) {
+                let row = values.row(self.block, self.vehicle * count + sub_channel);
+                *bits = Level::from_bits(level(row[lane]) as i16);
+            }
+            levels
         };
         let (gain, interference) = (
             levels(self.readings.gains_db),
@@ -281,14 +321,28 @@ impl Senses<'_> {
         );
         let age = u32::from(self.ages()[lane]);
         let heard = age < u32::from(Age::MAX.slots());
-        let last_acknowledged = heard.then(|| SlotIndex(self.slot.0 - age));
-        Measurement::new(self.slot, gain, interference, last_acknowledged, broadcast).ok()
+        let (places, told) = self.places();
+        Measurement::new(&measurement::Readings {
+            slot: self.slot,
+            gain: &gain[..count],
+            interference: &interference[..count],
+            last_acknowledged: heard.then(|| SlotIndex(self.slot.0.wrapping_sub(age))),
+            place: (places[lane] != NO_PLACE).then_some(Place {
+                index: places[lane],
+                assigned: told[lane] > 0,
+            }),
+            weight: Weight(self.weights()[lane]),
+            awaits_acknowledgement: self.awaits()[lane] > 0,
+            broadcast,
+        })
+        .ok()
     }
 }
 
 /// What everybody in a row of worlds can hear in a slot.
 #[derive(Clone, Copy, Debug)]
 pub struct Broadcasts<'t> {
+    slot: SlotIndex,
     block: usize,
     worlds: usize,
     presence: &'t Presence,
@@ -296,6 +350,11 @@ pub struct Broadcasts<'t> {
 }
 
 impl Broadcasts<'_> {
+    /// The slot that is about to be decided.
+    pub fn slot(&self) -> SlotIndex {
+        self.slot
+    }
+
     /// How many worlds of the row there are.
     pub fn worlds(&self) -> usize {
         self.worlds
@@ -306,17 +365,62 @@ impl Broadcasts<'_> {
         self.presence.count(self.block * LANES + lane)
     }
 
-    /// The announced period of a group in slots, 0 where it is too long to be announced.
-    #[inline(always)]
-    pub fn periods(&self, group: usize) -> &Row<u8> {
-        self.announcements.periods().row(self.block, group)
+    /// The ring in a world of the row; `None` where it cannot be announced.
+    pub fn ring(&self, lane: usize) -> Option<Ring> {
+        self.announcements.ring(self.block * LANES + lane)
     }
 
-    /// The code of a group's joiner probability in a world of the row.
-    #[inline(always)]
-    pub fn joiner_code(&self, lane: usize, group: usize) -> u8 {
-        self.announcements.joiner_code(self.block * LANES + lane, group)
+    /// The frame in which everybody has a place, in a world of the row; `None` where it cannot be announced.
+    pub fn frame(&self, lane: usize) -> Option<Ring> {
+        self.announcements.frame(self.block * LANES + lane)
     }
+
+    /// The first place of the slot.
+    #[inline(always)]
+    pub fn first_places(&self) -> &Row<u16> {
+        self.announcements.first_places().row(self.block, 0)
+    }
+
+    /// Which sub-channels are open ([`Open`]).
+    #[inline(always)]
+    pub fn open(&self) -> &Row<u16> {
+        self.announcements.open().row(self.block, 0)
+    }
+
+    /// The least priorities with which to contend.
+    #[inline(always)]
+    pub fn thresholds(&self) -> &Row<u32> {
+        self.announcements.thresholds().row(self.block, 0)
+    }
+
+    /// What the sub-channels that vehicles like are drawn with.
+    #[inline(always)]
+    pub fn salts(&self) -> &Row<u8> {
+        self.announcements.salts().row(self.block, 0)
+    }
+
+    /// Whether gains still hold when they are used.
+    pub fn gains_hold(&self) -> bool {
+        self.announcements.gains_hold()
+    }
+
+    /// The most that vehicles may send with.
+    pub fn max_power(&self) -> Dbm {
+        self.announcements.max_power()
+    }
+}
+
+/// What one vehicle last heard of the broadcasts, in a row of worlds.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard<'t> {
+    /// How many places the ring has; 0 where it never heard.
+    pub places: &'t Row<u16>,
+    /// Which sub-channels are open in this slot ([`Open`]), as far as it knows.
+    pub open: &'t Row<u16>,
+    /// The least priority with which to contend in it.
+    pub thresholds: &'t Row<u32>,
+    /// What the sub-channels that it likes are drawn with.
+    pub salts: &'t Row<u8>,
 }
 
 /// dB as units measure it, in 1/256 dB: rounded down, so that a vehicle never believes to be heard where it is not, and within

@@ -25,8 +25,8 @@ pub enum Role {
     FastFading = 2,
     /// Draws of a randomised policy, one member a policy.
     Policy = 3,
-    /// Back-off of the units, one member a vehicle.
-    BackOff = 4,
+    /// Identities of the units, which their lots follow from.
+    Identities = 4,
     /// When capacity is lost, one member a block.
     Incidents = 5,
     /// Who is replaced when.
@@ -177,7 +177,7 @@ mod tests {
         );
         assert_ne!(base, first(WorldKey { world: 1, ..KEY }, Role::Mobility, 0));
         assert_ne!(base, first(KEY, Role::Shadowing, 0));
-        assert_ne!(base, first(KEY, Role::BackOff, 1));
+        assert_ne!(base, first(KEY, Role::Identities, 1));
         assert_eq!(base, first(KEY, Role::Mobility, 0));
     }
 }

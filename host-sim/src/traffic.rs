@@ -75,7 +75,7 @@ impl TrafficModel {
             grid,
             error: CapacityError {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
-                max_age: f64::from(Age::MAX.slots()),
+                max_age: f64::from(Age::TIME_CONSTRAINT.slots()),
             },
             options: planning_options(),
         })

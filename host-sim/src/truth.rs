@@ -20,7 +20,7 @@ pub struct Knowledge<'t> {
     /// `[vehicle][world]`.
     pub associated_at: &'t Rows<u32>,
     /// Slots since a vehicle was last received, saturating: its age of information, `[vehicle][world]`.
-    pub ages: &'t Rows<u8>,
+    pub ages: &'t Rows<u16>,
     /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.
     pub receptions: &'t Rows<u8>,
     /// Gain on every sub-channel in dB over noise at full power, as old and as inexact as the vehicles know it: from the reference
@@ -31,7 +31,7 @@ pub struct Knowledge<'t> {
     /// Largest Doppler shift of each vehicle in Hz, which it measures over time as well, `[vehicle][world]`; `None` where fading is
     /// new in every slot.
     pub doppler_hz: Option<&'t Rows<f32>>,
-    /// Groups and what is broadcast to them.
+    /// Places and what is broadcast.
     pub announcements: &'t Announcements,
     /// The vector unit for loops over rows.
     pub vectors: Vectors,

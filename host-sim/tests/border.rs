@@ -1,17 +1,16 @@
 //! What may come between a cell and those who look at it: an imperfection of sensing, places from outside, one more policy.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
-use firmware::decision::{Action, PowerPlan};
-use firmware::observation::Observation;
+use firmware::decision::Decision;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
-use firmware::units::{Level, SlotIndex};
+use firmware::units::{Level, SlotIndex, SubChannel};
 use host_sim::age::{AgeCounter, AgeSummary};
 use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Rows};
 use host_sim::mobility::{Grid, Mobility, MobilitySource, Place};
-use host_sim::policy::{Decider, KINDS, Kind, Needs, Policy, actor, power_plan};
+use host_sim::policy::{Decider, KINDS, Kind, Needs, Policy, actor};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::senses::{Readings, Senses, Sensing};
 use host_sim::simulation::{Extent, Simulation, run_slot};
@@ -64,9 +63,8 @@ fn an_imperfection_reaches_everybody_who_senses() {
     let mut environment = Environment::new(&scenario, &Grid, 5, Purpose::Evaluation, 0..3);
     environment.set_sensing(Box::new(LateAndLow::default()));
     let mut actors = Decider::Policy(actor::build(&environment.setup(), &tables));
-    let setup = environment.setup();
-    let unit = |world, vehicle| Unit::new(tables[0].bytes(), setup.back_off(world, vehicle));
-    let mut units: Vec<Vec<Unit<'_, _>>> = (0..3)
+    let unit = |world, vehicle| Unit::new(tables[0].bytes(), environment.identity(world, vehicle));
+    let mut units: Vec<Vec<Unit<'_>>> = (0..3)
         .map(|world| (0..12).map(|vehicle| unit(world, vehicle)).collect())
         .collect();
     let mut decisions = Decisions::new(3, 12);
@@ -218,7 +216,7 @@ fn nobody_who_is_absent_is_heard_counted_or_asked() {
     let (scenario, script) = (scenario(&[]), script(None));
     let mut environment = Environment::new(&scenario, &script, 9, Purpose::Evaluation, 0..40);
     let mut decisions = Decisions::new(40, ROOM);
-    let full_power = power_plan(&scenario).max_power;
+    let full_power = scenario.radio.max_power();
     let mut absent = 0;
     for slot in 0..900_u32 {
         let place = |world: usize, vehicle: usize| {
@@ -227,10 +225,14 @@ fn nobody_who_is_absent_is_heard_counted_or_asked() {
         };
         decisions.clear();
         for world in 0..40 {
-            let heard = (0..3)
-                .filter(|&group| environment.broadcasts(world / LANES).periods(group)[world % LANES] > 0);
-            assert!(heard.count() > 0);
             let here = (0..ROOM).filter(|&vehicle| place(world, vehicle)).count();
+            let frame = environment
+                .broadcasts(world / LANES)
+                .frame(world % LANES)
+                .unwrap();
+            assert!(usize::from(frame.places()) >= here.max(3));
+            let ring = environment.broadcasts(world / LANES).ring(world % LANES).unwrap();
+            assert!(ring.places() >= 3);
             assert_eq!(environment.presence().count(world), here);
             assert_eq!(
                 environment.broadcasts(world / LANES).vehicles(world % LANES),
@@ -251,7 +253,7 @@ fn nobody_who_is_absent_is_heard_counted_or_asked() {
         let here: Vec<bool> = (0..40).map(|world| place(world, sender)).collect();
         let before = |world| {
             let older = u32::from(environment.age(world, sender).slots()) + 1;
-            (environment.presence().count(world), older.min(100))
+            (environment.presence().count(world), older)
         };
         let before: Vec<(usize, u32)> = (0..40).map(before).collect();
         environment.step(&decisions);
@@ -307,9 +309,8 @@ fn a_source_is_told_routes_and_says_why_it_ends() {
     );
 }
 
-/// A policy that nobody knows yet: everybody sends at random in one of ten slots, at full power on its home sub-channel.
+/// A policy that nobody knows yet: everybody sends at random in one of ten slots, at full power where its gain is largest.
 struct Tenth {
-    plan: PowerPlan,
     required: Level,
     streams: Vec<host_sim::lanes::LaneStream>,
 }
@@ -318,10 +319,9 @@ static TENTH: Kind = Kind {
     name: "tenth",
     meaning: "Everybody sends in one of ten slots.",
     stream: 1_000,
-    needs: Needs::Groups,
+    needs: Needs::Ring,
     build: |setup, _| {
         Decider::Policy(Box::new(Tenth {
-            plan: power_plan(setup.scenario),
             required: setup.scenario.radio.required_level(),
             streams: setup.row_streams(TENTH.stream),
         }))
@@ -335,9 +335,11 @@ impl Policy for Tenth {
             if let Some(measurement) = senses.measurement(lane)
                 && word < u32::MAX / 10
             {
-                let observation = Observation::new(&measurement);
-                if observation.home_gain() >= self.required {
-                    decisions.set(lane, self.plan.decision(Action::FullPower, &observation));
+                let gains = measurement.gain().iter().zip(0..);
+                let (gain, best) = gains.max().unwrap();
+                if let Some(sub_channel) = SubChannel::new(best).filter(|_| *gain >= self.required) {
+                    let power = measurement.broadcast().max_power;
+                    decisions.set(lane, Decision::Transmit { sub_channel, power });
                 }
             }
         }

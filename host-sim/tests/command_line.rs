@@ -1,10 +1,14 @@
 //! The command line as scripts use it: keys, exit codes, one clear line on bad input, nothing half-written.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+#[path = "../../firmware/tests/table_builder.rs"]
+mod table_builder;
+
 use host_sim::KINDS;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
+use table_builder::Contents;
 
 const SMALL: [&str; 6] = ["--worlds", "3", "--slots", "150", "--warmup", "100"];
 
@@ -244,12 +248,34 @@ fn bad_scenarios_are_one_line_each() {
         "error: radio.shadowing_deviation_db: found -1, expected 0 to 100 dB"
     );
     assert_eq!(
-        refusal(&["run", "--vehicles", "73"]),
-        "error: vehicles: found 73, expected at most 72, which the table serves"
+        refusal(&["run", "--vehicles", "5000"]),
+        "error: vehicles: found 5000, expected at most 2000, which the table serves"
     );
     assert_eq!(
-        refusal(&["run", "--set", "radio.max_power_dbm=23"]),
-        "error: radio.max_power_dbm: found 23, expected 30 dBm as in the table"
+        refusal(&["run", "--vehicles", "5000", "--policy", "clock"]),
+        "error: vehicles: found 5000, expected at most 4000, the places of a ring, for policy clock"
+    );
+    assert_eq!(
+        refusal(&["run", "--set", "radio.min_spectral_efficiency=2"]),
+        "error: radio.min_spectral_efficiency: found 2 (a required SINR of 4.773 dB), expected a required SINR of 8.453 dB as in the table"
+    );
+    for sub_channels in ["9", "17"] {
+        assert_eq!(
+            refusal(&[
+                "run",
+                "--policy",
+                "actor",
+                "--set",
+                &format!("radio.sub_channels={sub_channels}")
+            ]),
+            format!(
+                "error: radio.sub_channels: found {sub_channels}, expected 1 to 8, which the table serves"
+            )
+        );
+    }
+    assert_eq!(
+        refusal(&["run", "--policy", "clock", "--set", "radio.sub_channels=17"]),
+        "error: radio.sub_channels: found 17, expected at most 16, which units know, for policy clock"
     );
     assert_eq!(
         refusal(&["run", "--preset", "moon"]),
@@ -346,4 +372,16 @@ fn bad_tables_are_named_and_nothing_is_written() {
     assert!(with(&flipped).starts_with("error: FILE: checksum: found "));
     flipped[0] = b'X';
     assert!(with(&flipped).starts_with("error: FILE: magic: found "));
+    // A table that sees or chooses sub-channels one by one serves a cell of three alone.
+    let out = out.to_str().unwrap();
+    for (observation, output) in [(1, 0), (0, 1)] {
+        std::fs::write(&file, Contents::in_form(1, observation, output).bytes()).unwrap();
+        let more = ["--policy", "actor", "--set", "radio.sub_channels=5", "--out", out];
+        let message = refusal(&[&["run", "--table", path], &more[..]].concat());
+        assert_eq!(
+            message,
+            "error: radio.sub_channels: found 5, expected 3, which the table serves"
+        );
+        assert!(!folder.path().join("out").exists());
+    }
 }

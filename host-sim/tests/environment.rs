@@ -12,10 +12,10 @@ use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Vectors};
 use host_sim::mobility::Grid;
-use host_sim::policy::{Decider, KINDS, Kind, actor, aloha, central, random};
+use host_sim::policy::{Decider, KINDS, Kind, actor, aloha, central, clock, random};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::run_slot;
-use host_sim::stream::{Purpose, Role};
+use host_sim::stream::Purpose;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ops::Range;
@@ -49,8 +49,10 @@ fn seen(environment: &Environment<'_>, worlds: Range<usize>) -> Vec<u32> {
                 seen.push(environment.interference_db(world, vehicle, n).to_bits());
             }
             if let Some(broadcast) = environment.broadcast(world, vehicle) {
-                seen.push(u32::from(broadcast.period.slots()));
-                seen.push(u32::from(broadcast.joiner_probability.code()));
+                seen.push(u32::from(broadcast.ring.places()));
+                seen.push(u32::from(broadcast.open.0));
+                seen.push(broadcast.threshold);
+                seen.push(u32::from(broadcast.salt));
             }
         }
     }
@@ -76,14 +78,21 @@ fn run<'s>(
 
 #[test]
 fn a_world_does_not_depend_on_its_batch() {
-    let scenario = scenario(&[]);
     let many = LANES as u64 + 9;
-    for &policy in KINDS {
-        let batch = run(&scenario, policy, 0..many, Vectors::widest());
-        let alone = run(&scenario, policy, many - 2..many, Vectors::widest());
-        let expected = seen(&batch, many as usize - 2..many as usize);
-        assert_eq!(seen(&alone, 0..2), expected, "{}", policy.name);
+    for settings in [&[][..], &edge(&["feedback.place_loss=0.5"])] {
+        let scenario = scenario(settings);
+        for &policy in KINDS {
+            let batch = run(&scenario, policy, 0..many, Vectors::widest());
+            let alone = run(&scenario, policy, many - 2..many, Vectors::widest());
+            let expected = seen(&batch, many as usize - 2..many as usize);
+            assert_eq!(seen(&alone, 0..2), expected, "{} {settings:?}", policy.name);
+        }
     }
+}
+
+/// A cell with an edge, where places are open, and these settings.
+fn edge<'s>(settings: &[&'s str]) -> Vec<&'s str> {
+    [&["radio.carrier_ghz=5.9", "radio.max_power_dbm=23"], settings].concat()
 }
 
 #[test]
@@ -92,7 +101,16 @@ fn every_vector_unit_gives_the_same_bits() {
         (&[][..], KINDS),
         (
             &["cell.vehicles=37", "radio.sub_channels=11"],
-            &[&central::KIND, &aloha::KIND, &random::KIND],
+            &[&central::KIND, &clock::KIND, &aloha::KIND, &random::KIND],
+        ),
+        (
+            &[
+                "cell.vehicles=37",
+                "radio.sub_channels=8",
+                "radio.max_power_dbm=15",
+                "feedback.place_loss=0.3",
+            ],
+            &[&actor::KIND, &clock::KIND],
         ),
     ] {
         let scenario = scenario(settings);
@@ -108,22 +126,21 @@ fn every_vector_unit_gives_the_same_bits() {
 
 /// Observations and transmissions of a run in which every decision is the firmware's unit's. One table for all vehicles, or one
 /// for each.
-fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
-    let scenario = scenario(&[&format!("cell.vehicles={vehicles}")]);
+fn compare(settings: &[&str], slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
+    let scenario = scenario(settings);
     let worlds = LANES as u64 + 8;
     let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
     let mut actors = Decider::Policy(actor::build(&environment.setup(), tables));
     let mut noise = (random::KIND.build)(&environment.setup(), &tables[0]);
-    let mut units: Vec<Vec<Unit<'_, _>>> = environment
-        .keys()
-        .iter()
-        .map(|key| {
+    let vehicles = environment.vehicles();
+    let mut units: Vec<Vec<Unit<'_>>> = (0..environment.worlds())
+        .map(|world| {
             let bytes = tables.iter().map(Table::bytes).cycle();
-            let unit = |(vehicle, bytes)| Unit::new(bytes, key.stream(Role::BackOff, vehicle));
+            let unit = |(vehicle, bytes)| Unit::new(bytes, environment.identity(world, vehicle));
             (0..vehicles).zip(bytes).map(unit).collect()
         })
         .collect();
-    let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+    let mut decisions = Decisions::new(environment.worlds(), vehicles);
     let (mut observations, mut transmissions) = (0, 0);
     for slot in 0..slots {
         decisions.clear();
@@ -133,12 +150,15 @@ fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
                 let measurement = environment.measurement(world, vehicle).unwrap();
                 let expected = unit.slot(&Event::Measured(measurement)).unwrap().decision;
                 let found = decisions.get(world, vehicle);
-                assert_eq!(found, expected, "slot {slot} world {world} vehicle {vehicle}");
+                assert_eq!(
+                    found, expected,
+                    "{settings:?}, slot {slot}, world {world}, vehicle {vehicle}"
+                );
                 transmissions += u64::from(expected != Decision::Silent);
                 observations += 1;
             }
         }
-        // Now and then nobody keeps to the turns, so that all ages, joiners and interferences occur.
+        // Now and then nobody keeps to the turns, so that all ages, priorities and interferences occur.
         if slot % 100 >= 90 {
             environment.decide(&mut noise, &mut decisions);
         }
@@ -149,13 +169,43 @@ fn compare(vehicles: u32, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
 
 #[test]
 fn the_actor_decides_as_the_firmware_s_units_on_a_million_observations() {
+    let street: Vec<String> = preset("street");
+    let street: Vec<&str> = street.iter().map(String::as_str).collect();
+    let churn = ["cell.replacement_probability=1e-3", "feedback.place_loss=0.3"];
     let mut sum = 0;
-    for (vehicles, slots) in [(20, 800), (60, 300)] {
-        let (observations, transmissions) = compare(vehicles, slots, &[table()]);
-        assert!(transmissions > 10_000, "{transmissions}");
+    for (settings, slots, least) in [
+        (vec![], 400, 40_000),
+        (vec!["cell.vehicles=60"], 200, 20_000),
+        (street.clone(), 300, 20_000),
+        ([&street[..], &churn].concat(), 300, 20_000),
+        (edge(&[]), 300, 20_000),
+        (edge(&churn), 200, 10_000),
+        (vec!["feedback.place_loss=1"], 200, 10_000),
+        (vec!["radio.sub_channels=1"], 200, 5_000),
+        (edge(&["radio.sub_channels=8", "cell.vehicles=50"]), 120, 20_000),
+    ] {
+        let (observations, transmissions) = compare(&settings, slots, &[table()]);
+        assert!(transmissions > least, "{settings:?}: {transmissions}");
         sum += observations;
     }
     assert!(sum >= 1_000_000, "{sum}");
+}
+
+/// The settings of a preset, as `--set` takes them.
+fn preset(name: &str) -> Vec<String> {
+    let path = format!("{}/presets/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut section = "";
+    let mut settings = Vec::new();
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        if let Some(name) = line.strip_prefix('[') {
+            section = name.trim_end_matches(']');
+        } else if let Some((key, value)) = line.split_once(" = ") {
+            settings.push(format!("{section}.{key}={value}"));
+        }
+    }
+    assert!(!settings.is_empty());
+    settings
 }
 
 #[test]
@@ -167,8 +217,12 @@ fn actors_of_every_form_decide_as_the_firmware_s_units() {
     let tables: Vec<Table<'_>> = bytes.iter().map(|bytes| Table::parse(bytes).unwrap()).collect();
     // Each vehicle with a table of its own, and some that all share.
     for tables in [&tables[..], &tables[1..2], &tables[11..]] {
-        let (_, transmissions) = compare(tables.len().max(3) as u32, 100, tables);
-        assert!(transmissions > 100, "{transmissions}");
+        let vehicles = format!("cell.vehicles={}", tables.len().max(3));
+        for more in [&[][..], &["feedback.place_loss=0.5", "radio.max_power_dbm=15"]] {
+            let settings = [&[vehicles.as_str()], more].concat();
+            let (_, transmissions) = compare(&settings, 100, tables);
+            assert!(transmissions > 100, "{settings:?}: {transmissions}");
+        }
     }
 }
 
@@ -204,13 +258,20 @@ fn no_slot_allocates() {
         "knowledge.gain_delay_slots=4",
         "knowledge.gain_error_db=2",
     ];
-    for settings in [&[][..], &late] {
+    let hard = edge(&[
+        "feedback.place_loss=0.3",
+        "feedback.broadcast_loss=0.1",
+        "feedback.acknowledgement_delay_slots=4",
+        "broadcast.call_delay_slots=2",
+    ]);
+    for settings in [&[][..], &late, &hard] {
         let (scenario, table) = (scenario(settings), table());
         for &policy in KINDS {
             let mut environment = Environment::new(&scenario, &SOURCE, 1, Purpose::Evaluation, 0..40);
             let mut decider = (policy.build)(&environment.setup(), &table);
             let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
-            for _ in 0..150 {
+            // Long enough that plans have changed, too.
+            for _ in 0..350 {
                 run_slot(&mut environment, &mut decider, &mut decisions);
             }
             let before = ALLOCATIONS.get();

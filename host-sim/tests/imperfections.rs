@@ -75,9 +75,8 @@ fn rows_and_units_share_every_imperfection() {
     let tables = [table()];
     let mut environment = Environment::new(&scenario, &Grid, 5, Purpose::Evaluation, 0..3);
     let mut actors = Decider::Policy(actor::build(&environment.setup(), &tables));
-    let setup = environment.setup();
     let mut units: Vec<_> = (0..60)
-        .map(|index| Unit::new(tables[0].bytes(), setup.back_off(index / 20, index % 20)))
+        .map(|index| Unit::new(tables[0].bytes(), environment.identity(index / 20, index % 20)))
         .collect();
     let mut decisions = Decisions::new(3, 20);
     let (mut sent, mut stale) = (0, 0);
@@ -100,14 +99,17 @@ fn rows_and_units_share_every_imperfection() {
 /// A world's ages do not depend on the worlds beside it, whoever decides.
 #[test]
 fn a_world_is_the_same_in_every_batch() {
-    let scenario = scenario(&[ALL, &["feedback.measurement_loss=0.05"]].concat());
+    let edge = ["radio.carrier_ghz=5.9", "radio.max_power_dbm=20"];
+    let scenario = scenario(&[ALL, &["feedback.measurement_loss=0.05"], &edge].concat());
     let (table, together) = (table(), 30..36);
+    // Long enough that plans change in one world and not in another.
+    let slots = 350;
     for policy in KINDS {
         let ages = |worlds: std::ops::Range<u64>| {
             let mut environment = Environment::new(&scenario, &Grid, 7, Purpose::Evaluation, worlds.clone());
             let mut decider = (policy.build)(&environment.setup(), &table);
             let mut decisions = Decisions::new(environment.worlds(), 20);
-            for _ in 0..120 {
+            for _ in 0..slots {
                 decisions.clear();
                 environment.decide(&mut decider, &mut decisions);
                 environment.step(&decisions);
@@ -276,19 +278,22 @@ fn acknowledgements_come_late_and_some_never() {
     let mut environment = Environment::new(&late, &Grid, 3, Purpose::Evaluation, 0..2000);
     let mut decisions = Decisions::new(2000, 1);
     for world in 0..2000 {
+        let known = environment.measurement(world, 0).unwrap().age();
+        assert_eq!(known, environment.age(world, 0));
         decisions.transmit(world, 0, 0, Dbm::from_bits(30 << 8));
     }
     environment.step(&decisions);
     decisions.clear();
     let received: Vec<bool> = (0..2000).map(|world| environment.received(world, 0)).collect();
-    for _ in 0..3 {
-        assert!((0..2000).all(|world| environment.measurement(world, 0).unwrap().age().slots() == 100));
+    for waited in 1..=3 {
+        let age = 100 + waited;
+        assert!((0..2000).all(|world| environment.measurement(world, 0).unwrap().age().slots() == age));
         environment.step(&decisions);
     }
     let mut known = 0.0;
     for (world, received) in received.iter().enumerate() {
         let age = environment.measurement(world, 0).unwrap().age().slots();
-        assert!(age == 100 || (*received && age == 4));
+        assert!(age == 104 || (*received && age == 4));
         known += f64::from(u8::from(age == 4));
     }
     let share = known / received.iter().filter(|&&received| received).count() as f64;
@@ -313,27 +318,26 @@ fn reception_follows_the_logistic_curve() {
     }
 }
 
-/// The figures of an independent simulator of the same cell, written from the documentation alone, on 64 to 128 other worlds of
-/// 1,500 slots after 300. Here 64 worlds: the bars are both intervals together.
+/// What the units' own rules lose to each imperfection, beside places alone: `assigned` has neither calls nor open places.
 #[test]
-fn an_independent_simulator_finds_the_same() {
-    let near = |settings: &[&str], expected_ms: f64, width_ms: f64| {
-        let found = run("clock", 64, settings).mean_ms;
-        assert!(
-            (found - expected_ms).abs() < width_ms,
-            "{settings:?}: {found} {expected_ms}"
-        );
-    };
+fn the_clock_bears_what_is_imperfect() {
     let speed = "fading.follows_speed=true";
-    near(&[], 4.035, 0.25);
-    near(&[speed, "knowledge.gain_delay_slots=4"], 4.273, 0.3);
-    near(&["feedback.acknowledgement_delay_slots=4"], 4.55, 0.4);
-    near(&["neighbours.noise_rise_db=10"], 4.35, 0.25);
-    near(&[speed, "mobility.standing_share=0.3"], 10.8, 3.0);
-    near(&[speed, "mobility.standing_share=1"], 80.7, 5.0);
+    let edge = ["radio.carrier_ghz=5.9", "radio.max_power_dbm=23"];
+    for (settings, times) in [
+        (&[][..], 1.02),
+        (&[speed, "knowledge.gain_delay_slots=4"], 1.02),
+        (&["feedback.acknowledgement_delay_slots=4"], 1.02),
+        (&["neighbours.noise_rise_db=10"], 1.02),
+        (&[speed, "mobility.standing_share=0.3"], 1.02),
+        (&["feedback.place_loss=0.3"], 0.6),
+        (&edge, 0.85),
+    ] {
+        let [clock, assigned] = ["clock", "assigned"].map(|policy| run(policy, 64, settings).mean_ms);
+        assert!(clock < times * assigned, "{settings:?}: {clock} {assigned}");
+    }
 }
 
-/// Places and grants, as the same simulator has them: 4.035 ms with 6.8 ms in the first 100 slots, 3.998 ms with 10.6 ms.
+/// Places and grants, as an independent simulator of the same cell has them, written from the documentation alone: 4.035 ms with 6.8 ms in the first 100 slots, 3.998 ms with 10.6 ms.
 #[test]
 fn competitors_reach_their_ages() {
     let near = |policy: &str, settings: &[&str], mean_ms: f64, first100_ms: f64| {

@@ -360,9 +360,9 @@ fn bad_grids_and_shards_are_one_line_each() {
     assert!(with("zip = [[\"seed\", \"speed\"]]\n").contains("key zip: found \"speed\""));
     // What `run` refuses, with the point.
     assert_eq!(
-        with("policy = [\"aloha\", \"actor\"]\n[radio]\nmax_power_dbm = [30, 23]\n"),
-        "error: grid.toml: point 3 (radio.max_power_dbm=23, policy=actor): radio.max_power_dbm: found 23, expected 30 dBm \
-         as in the table"
+        with("policy = [\"aloha\", \"actor\"]\n[radio]\nsub_channels = [3, 9]\n"),
+        "error: grid.toml: point 3 (radio.sub_channels=9, policy=actor): radio.sub_channels: found 9, expected 1 to 8, \
+         which the table serves"
     );
     assert!(with("worlds = 0\n").ends_with("worlds: found 0, expected 1 to 1000000"));
     assert!(with("policy = \"oracle\"\n").contains("policy: found \"oracle\", expected \"actor\", "));

@@ -13,7 +13,6 @@ use crate::stream::Purpose;
 use crate::threads::thread_pool;
 use crate::truth::Knowledge;
 use crate::weight_table::WeightTable;
-use firmware::units::SUB_CHANNELS;
 use kit::error::Result;
 use kit::say;
 use rayon::prelude::*;
@@ -165,8 +164,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
                 full_power: (scenario.radio.max_power_dbm * 256.0) as i16,
             }))
         });
-        let serves = sub_channels as usize == SUB_CHANNELS
-            && actor::KIND.check(&scenario, vehicles as usize, &table).is_ok();
+        let serves = actor::KIND.check(&scenario, vehicles as usize, &table).is_ok();
         let with_actor = serves.then(|| {
             measure(&scenario, arguments.seed, worlds, slots, |setup| {
                 (actor::KIND.build)(setup, &table)

@@ -27,6 +27,9 @@ pub struct DeadlineArguments {
     /// Slots of the whole path, one in 16 of them without a measurement
     #[arg(long, default_value_t = 110_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     pub slots: u32,
+    /// Sub-channels of the cell in which these slots are
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub sub_channels: u32,
     /// Random inputs for each network
     #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub inputs: u32,
@@ -58,6 +61,7 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     let extent = Extent {
         seed: arguments.seed,
         slots: arguments.slots,
+        sub_channels: arguments.sub_channels,
         inputs: arguments.inputs,
     };
     let report = report(&images, &extent, &table)?;

@@ -5,7 +5,7 @@ mod emulator;
 pub mod image;
 pub mod network;
 
-use firmware::link::{MeasurementFrame, ModemFrame};
+use firmware::link::{Levels, MeasurementFrame, ModemFrame};
 use firmware::network::Network;
 use firmware::table::Table;
 use image::{Footprint, Images};
@@ -26,6 +26,8 @@ pub struct Extent {
     pub seed: u64,
     /// Slots of the whole path.
     pub slots: u32,
+    /// Sub-channels of the cell in them.
+    pub sub_channels: u32,
     /// Inputs for each network.
     pub inputs: u32,
 }
@@ -151,7 +153,7 @@ pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Rep
     let mut actor = measured(PackedNetwork::of_table(table))?;
     let small = measured(random(&SMALL)?)?;
     let paper = measured(random(&PAPER)?)?;
-    let stages = measure_slots(images, extent.seed, extent.slots, table)?;
+    let stages = measure_slots(images, extent.seed, extent.slots, extent.sub_channels, table)?;
     let stage = |name: &str| stages.iter().find(|stage| stage.name == name);
     let (Some(infer), Some(slot)) = (stage("infer"), stage("slot")) else {
         return Err(contradiction("too few stages"));
@@ -219,12 +221,18 @@ pub fn measure_networks(images: &Images, seed: u64, subjects: &[Subject]) -> Res
     }
 }
 
-/// The stages of this many slots in which the table decides and, as `slot`, their total, from the measuring image.
+/// The stages of this many slots in a cell of so many sub-channels, in which the table decides and, as `slot`, their total, from the measuring image.
 ///
 /// # Errors
 /// As [`measure_networks`].
-pub fn measure_slots(images: &Images, seed: u64, slots: u32, table: &Table<'_>) -> Result<Vec<Stage>> {
-    let (_, stages) = measure(images, &job(seed, Some((slots, table)), &[]))?;
+pub fn measure_slots(
+    images: &Images,
+    seed: u64,
+    slots: u32,
+    sub_channels: u32,
+    table: &Table<'_>,
+) -> Result<Vec<Stage>> {
+    let (_, stages) = measure(images, &job(seed, Some((slots, sub_channels, table)), &[]))?;
     Ok(stages)
 }
 
@@ -264,10 +272,13 @@ fn measure(images: &Images, job: &[u8]) -> Result<(Vec<NetworkCounts>, Vec<Stage
     Ok((networks, stages))
 }
 
-fn job(seed: u64, slots: Option<(u32, &Table<'_>)>, subjects: &[Subject]) -> Vec<u8> {
+fn job(seed: u64, slots: Option<(u32, u32, &Table<'_>)>, subjects: &[Subject]) -> Vec<u8> {
     let mut job = MAGIC.to_vec();
-    let (slots, table) = slots.map_or((0, &[][..]), |(slots, table)| (slots, table.bytes()));
-    for word in [fold(seed), slots, table.len() as u32] {
+    let none = (0, 1, &[][..]);
+    let (slots, sub_channels, table) = slots.map_or(none, |(slots, sub_channels, table)| {
+        (slots, sub_channels, table.bytes())
+    });
+    for word in [fold(seed), slots, sub_channels, table.len() as u32] {
         job.extend(word.to_le_bytes());
     }
     job.extend(table);
@@ -302,6 +313,9 @@ pub fn fold(seed: u64) -> u32 {
 fn frames(seed: u64) -> Vec<ModemFrame> {
     let mut rng = Pcg64Mcg::new(u128::from(seed) << 1 | 1);
     let mut below = |limit: u32| ((u64::from(rng.next_u32()) * u64::from(limit)) >> 32) as u32;
+    let levels = |most: u32, below: &mut dyn FnMut(u32) -> u32| -> Levels {
+        (0..3).map(|_| below(most) as i16).collect()
+    };
     // Behind the questions with which the unit was woken.
     let first = 1_000_000;
     (first..first + STACK_SLOTS)
@@ -309,12 +323,18 @@ fn frames(seed: u64) -> Vec<ModemFrame> {
             0 => ModemFrame::Missed { slot },
             _ => ModemFrame::Measurement(MeasurementFrame {
                 slot,
-                gain: std::array::from_fn(|_| below(18_000) as i16),
-                interference: std::array::from_fn(|_| below(9_000) as i16),
+                gain: levels(18_000, &mut below),
+                interference: levels(9_000, &mut below),
                 last_acknowledged: (below(10) > 0).then(|| slot - 1 - below(100)),
-                home: below(3) as u8,
-                period: 1 + below(100) as u8,
-                joiner_probability: below(256) as u8,
+                place: (below(4) > 0).then(|| (below(20) as u16, below(2) > 0)),
+                awaits_acknowledgement: below(4) == 0,
+                places: 20 + below(20) as u16,
+                open: below(1 << 16) as u16,
+                threshold: below(1 << 28),
+                salt: below(256) as u8,
+                gains_hold: below(2) == 0,
+                weight: below(256) as u8,
+                max_power: 30 << 8,
             }),
         })
         .collect()

@@ -7,13 +7,14 @@ use crate::decisions::Decisions;
 use crate::environment::Environment;
 use crate::mobility::Grid;
 use crate::scenario::Scenario;
-use crate::stream::{Purpose, Role, Stream};
+use crate::stream::Purpose;
 use firmware::decision::Decision;
 use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
+use firmware::lots::Identity;
 use firmware::slot_clock::SlotLength;
-use firmware::unit::{Event, Unit, back_off};
+use firmware::tables::DISTILLED;
+use firmware::unit::{Event, Unit};
 use kit::error::{Error, Result};
-use rand_pcg::Pcg32;
 use std::time::Duration;
 
 /// An instruction takes 16 ns of virtual time, 2.7 cycles at 168 MHz. Modelled at zero wait states the decision path takes
@@ -60,10 +61,10 @@ pub struct FleetResult {
     pub ages: AgeSummary,
 }
 
-/// A vehicle's emulated image and its shadow. The emulated chip's identity reads 0.
+/// A vehicle's emulated image and its shadow.
 struct Pair {
     image: Emulator,
-    shadow: Unit<'static, Pcg32>,
+    shadow: Unit<'static>,
 }
 
 impl Fleet<'_> {
@@ -74,17 +75,11 @@ impl Fleet<'_> {
     pub fn run(&self, mut each_slot: impl FnMut()) -> Result<FleetResult> {
         let source = Grid;
         let mut cell = Environment::new(self.scenario, &source, self.seed, Purpose::Evaluation, 0..1);
-        let key = cell.keys()[0];
         let mut pairs = (0..self.units)
-            .map(|unit| self.boot(unit))
+            .map(|unit| self.boot(unit, cell.identity(0, unit as usize)))
             .collect::<Result<Vec<_>>>()?;
-        let mut others: Vec<Unit<'static, Stream>> = (0..cell.vehicles())
-            .map(|vehicle| {
-                Unit::new(
-                    firmware::tables::DISTILLED,
-                    key.stream(Role::BackOff, vehicle as u32),
-                )
-            })
+        let mut others: Vec<Unit<'static>> = (0..cell.vehicles())
+            .map(|vehicle| Unit::new(DISTILLED, cell.identity(0, vehicle)))
             .collect();
         let mut ages = AgeCounter::new(0, 1, cell.vehicles());
         let (mut mismatches, mut missing) = (0, 0);
@@ -147,7 +142,7 @@ impl Fleet<'_> {
         Ok(result)
     }
 
-    fn boot(&self, unit: u32) -> Result<Pair> {
+    fn boot(&self, unit: u32, identity: Identity) -> Result<Pair> {
         let port = self.port.map(|port| u32::from(port) + unit);
         let port = port
             .map(|port| u16::try_from(port).map_err(|_| Error::input("--port", port, "ports up to 65535")))
@@ -163,9 +158,11 @@ impl Fleet<'_> {
         image.send(&encoded(&ModemFrame::SlotLength {
             microseconds: SlotLength::MAX_MICROSECONDS,
         })?)?;
+        let Identity(number) = identity;
+        image.send(&encoded(&ModemFrame::Identity { number })?)?;
         Ok(Pair {
             image,
-            shadow: Unit::new(firmware::tables::DISTILLED, back_off([0; 3])),
+            shadow: Unit::new(DISTILLED, identity),
         })
     }
 

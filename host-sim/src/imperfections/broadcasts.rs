@@ -2,20 +2,23 @@
 
 use super::Losses;
 use crate::base_station::Announcements;
-use crate::lanes::{LANES, Row, Rows};
+use crate::lanes::{LANES, Rows};
 use crate::scenario::FeedbackScenario;
+use crate::senses;
 use crate::stream::WorldKey;
 
-/// What each vehicle last heard of its group's broadcast. `[vehicle][world]` each.
+/// What each vehicle last heard. `[vehicle][world]` each.
 pub struct Heard {
     losses: Losses,
     vehicles: usize,
-    /// The announced period in slots, 0 where it is too long to be announced.
-    period: Rows<u8>,
-    /// The code of the joiner probability.
-    joiner_code: Rows<u8>,
-    /// Age up to which the vehicle keeps its turn.
-    turn_lost_after: Rows<u8>,
+    /// How many places the ring has; 0 before the first broadcast.
+    places: Rows<u16>,
+    /// What is open in the slot; nothing if that was not heard.
+    open: Rows<u16>,
+    /// The least priority with which to contend in it.
+    threshold: Rows<u32>,
+    /// What the sub-channels that vehicles like are drawn with.
+    salt: Rows<u8>,
     /// 1 where a unit has heard a broadcast.
     any: Rows<u8>,
 }
@@ -32,9 +35,10 @@ impl Heard {
         Losses::new(feedback.broadcast_loss, 1, keys).map(|losses| Self {
             losses,
             vehicles,
-            period: nothing.clone(),
-            joiner_code: nothing.clone(),
-            turn_lost_after: nothing.clone(),
+            places: Rows::new(keys.len(), vehicles, 0),
+            open: Rows::new(keys.len(), vehicles, 0),
+            threshold: Rows::new(keys.len(), vehicles, u32::MAX),
+            salt: nothing.clone(),
             any: nothing,
         })
     }
@@ -47,40 +51,32 @@ impl Heard {
         for block in 0..self.any.blocks() {
             for vehicle in 0..self.vehicles {
                 let lost = self.losses.draw(block);
-                let limits = announcements.turns_lost_after().row(block, vehicle);
-                let homes = announcements.homes().row(block, vehicle);
+                let associated = announcements.associated().row(block, vehicle);
                 for lane in 0..LANES {
-                    let group = usize::from(homes[lane]);
                     let heard_before = self.any.row(block, vehicle)[lane] > 0;
-                    if group >= announcements.groups() || (lost[lane] && heard_before) {
+                    self.open.row_mut(block, vehicle)[lane] = 0;
+                    if associated[lane] == 0 || (lost[lane] && heard_before) {
                         continue;
                     }
                     self.any.row_mut(block, vehicle)[lane] = 1;
-                    self.period.row_mut(block, vehicle)[lane] =
-                        announcements.periods().row(block, group)[lane];
-                    self.joiner_code.row_mut(block, vehicle)[lane] =
-                        announcements.joiner_code(block * LANES + lane, group);
-                    self.turn_lost_after.row_mut(block, vehicle)[lane] = limits[lane];
+                    self.places.row_mut(block, vehicle)[lane] = announcements.places().row(block, 0)[lane];
+                    self.open.row_mut(block, vehicle)[lane] = announcements.open().row(block, 0)[lane];
+                    self.threshold.row_mut(block, vehicle)[lane] =
+                        announcements.thresholds().row(block, 0)[lane];
+                    self.salt.row_mut(block, vehicle)[lane] = announcements.salts().row(block, 0)[lane];
                 }
             }
         }
     }
 
-    /// The periods in slots that a vehicle last heard, 0 where it was too long to be announced.
+    /// What a vehicle knows of them.
     #[inline(always)]
-    pub fn periods(&self, block: usize, vehicle: usize) -> &Row<u8> {
-        self.period.row(block, vehicle)
-    }
-
-    /// The codes of the joiner probability.
-    #[inline(always)]
-    pub fn joiner_codes(&self, block: usize, vehicle: usize) -> &Row<u8> {
-        self.joiner_code.row(block, vehicle)
-    }
-
-    /// The ages up to which it keeps its turn, as it knows.
-    #[inline(always)]
-    pub fn turns_lost_after(&self, block: usize, vehicle: usize) -> &Row<u8> {
-        self.turn_lost_after.row(block, vehicle)
+    pub fn of(&self, block: usize, vehicle: usize) -> senses::Heard<'_> {
+        senses::Heard {
+            places: self.places.row(block, vehicle),
+            open: self.open.row(block, vehicle),
+            thresholds: self.threshold.row(block, vehicle),
+            salts: self.salt.row(block, vehicle),
+        }
     }
 }

@@ -65,7 +65,7 @@ impl Sensing for Imperfections {
             gains.begin_slot(truth.gains_db);
         }
         if let Some(acknowledgements) = &mut self.acknowledgements {
-            acknowledgements.begin_slot(truth.ages);
+            acknowledgements.begin_slot(truth);
         }
         if let Some(broadcasts) = &mut self.broadcasts {
             broadcasts.begin_slot(truth.announcements);
@@ -76,12 +76,12 @@ impl Sensing for Imperfections {
     }
 
     fn readings<'t>(&'t self, truth: Readings<'t>) -> Readings<'t> {
+        let truth = match &self.acknowledgements {
+            Some(acknowledgements) => acknowledgements.readings(truth),
+            None => truth,
+        };
         Readings {
             gains_db: self.gains.as_ref().map_or(truth.gains_db, KnownGains::gains_db),
-            ages: self
-                .acknowledgements
-                .as_ref()
-                .map_or(truth.ages, Acknowledgements::ages),
             heard: self.broadcasts.as_ref(),
             measured: self.measurements.as_ref().map(Measured::rows),
             ..truth

@@ -26,6 +26,16 @@ pub const LANES: usize = 32;
 /// One value in every world of a row.
 pub type Row<T> = [T; LANES];
 
+/// A row of narrow numbers as wide ones. A loop and no closure, which would not always be inlined, and then lose the vector unit.
+#[inline(always)]
+pub fn widened<T: Copy + Into<i32>>(row: &Row<T>) -> Row<i32> {
+    let mut wide = [0; LANES];
+    for lane in 0..LANES {
+        wide[lane] = row[lane].into();
+    }
+    wide
+}
+
 /// The vector unit that loops over rows are compiled for.
 #[derive(Clone, Copy, Debug)]
 pub struct Vectors(Option<pulp::Arch>);

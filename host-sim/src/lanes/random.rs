@@ -144,8 +144,8 @@ mod tests {
             purpose: Purpose::Training,
             world: world * 977,
         });
-        let mut lanes = LaneStream::new(keys.clone(), Role::BackOff, 5);
-        let mut streams: Vec<_> = keys.map(|key| key.stream(Role::BackOff, 5)).collect();
+        let mut lanes = LaneStream::new(keys.clone(), Role::Identities, 5);
+        let mut streams: Vec<_> = keys.map(|key| key.stream(Role::Identities, 5)).collect();
         for _ in 0..100 {
             let expected: Vec<u32> = streams.iter_mut().map(Rng::next_u32).collect();
             assert_eq!(lanes.next_row().as_slice(), expected);

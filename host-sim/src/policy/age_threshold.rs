@@ -1,7 +1,7 @@
 //! ALOHA from an age threshold on (Atabay et al. 2020; Yavascan and Uysal 2021).
 
 use super::aloha::{Aloha, Rule};
-use super::{Decider, Kind, Needs, dbm};
+use super::{Decider, Kind, Needs};
 use crate::lanes::LANES;
 
 /// Everybody whose age has reached the threshold sends with one probability.
@@ -13,7 +13,7 @@ pub static KIND: Kind = Kind {
     build: |setup, _| {
         let baselines = &setup.scenario.baselines;
         Decider::Policy(Box::new(Aloha {
-            max_power: dbm(setup.scenario.radio.max_power_dbm),
+            max_power: setup.scenario.radio.max_power(),
             sub_channels: setup.scenario.radio.sub_channels,
             rule: Rule::Threshold {
                 load: baselines.age_threshold_load,

@@ -1,6 +1,6 @@
 //! Slotted ALOHA: a random sub-channel at full power.
 
-use super::{Decider, Kind, Needs, Policy, below, dbm};
+use super::{Decider, Kind, Needs, Policy, below};
 use crate::decisions::{SILENT, VehicleDecisions};
 use crate::lanes::{LANES, LaneStream, Row, unit_interval};
 use crate::senses::{Broadcasts, Senses};
@@ -14,7 +14,7 @@ pub static KIND: Kind = Kind {
     needs: Needs::Nothing,
     build: |setup, _| {
         Decider::Policy(Box::new(Aloha {
-            max_power: dbm(setup.scenario.radio.max_power_dbm),
+            max_power: setup.scenario.radio.max_power(),
             sub_channels: setup.scenario.radio.sub_channels,
             rule: Rule::Load(setup.scenario.baselines.aloha_load),
             streams: setup.row_streams(KIND.stream),
@@ -32,7 +32,7 @@ pub(super) struct Aloha {
     /// By block of worlds.
     pub(super) streams: Vec<LaneStream>,
     /// In slots, of the block in work.
-    pub(super) least_age: Row<u8>,
+    pub(super) least_age: Row<u16>,
     /// Of sending from that age on, of the block in work.
     pub(super) probability: Row<f32>,
 }
@@ -47,13 +47,13 @@ pub(super) enum Rule {
 
 impl Aloha {
     /// The least age at which a vehicle sends, and how probably it then does.
-    fn rule(&self, vehicles: usize) -> (u8, f32) {
+    fn rule(&self, vehicles: usize) -> (u16, f32) {
         let sub_channels = f64::from(self.sub_channels);
         match self.rule {
             Rule::Load(load) => (0, (load * sub_channels / vehicles.max(1) as f64) as f32),
             Rule::Threshold { load, probability } => {
                 let threshold = (load * vehicles as f64 / sub_channels).round();
-                (threshold.min(255.0) as u8, probability as f32)
+                (threshold.min(65_535.0) as u16, probability as f32)
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Everybody sends in every slot: what an own-age reward teaches.
 
-use super::{Decider, Kind, Needs, Policy, dbm};
+use super::{Decider, Kind, Needs, Policy};
 use crate::decisions::VehicleDecisions;
 use crate::lanes::LANES;
 use crate::senses::Senses;
@@ -14,7 +14,7 @@ pub static KIND: Kind = Kind {
     needs: Needs::Nothing,
     build: |setup, _| {
         Decider::Policy(Box::new(Always {
-            max_power: dbm(setup.scenario.radio.max_power_dbm),
+            max_power: setup.scenario.radio.max_power(),
         }))
     },
 };

@@ -1,22 +1,23 @@
 //! A place in a frame, handed out at association: time division with frequency hopping as 5G's configured grants have it (3GPP TS 38.321 5.8.2, type 1).
 
-use super::{Decider, Kind, Needs, Policy, dbm};
+use super::{Decider, Kind, Needs, Policy, below};
 use crate::decisions::VehicleDecisions;
-use crate::lanes::{LANES, LaneStream, Row, unit_interval};
+use crate::lanes::{LANES, LaneStream, unit_interval};
 use crate::senses::{Broadcasts, Senses};
-use firmware::units::{Dbm, SUB_CHANNELS, SlotIndex};
+use firmware::ring::{Ring, carrier, hop};
+use firmware::units::Dbm;
 
-/// Everybody sends in its own slot of its group's frame, whatever its gain and its age.
+/// Everybody sends in its own place of a frame, whatever its gain and its age.
 pub static KIND: Kind = Kind {
     name: "assigned",
-    meaning: "A place in a frame, handed out at association: each vehicle has its own slot on its group's sub-channel.",
+    meaning: "A place in a frame, handed out at association: each vehicle sends when its place comes round.",
     stream: 7,
-    needs: Needs::Groups,
+    needs: Needs::Ring,
     build: |setup, _| {
         let losses = setup.scenario.feedback.place_loss > 0.0;
         Decider::Policy(Box::new(Assigned {
-            max_power: dbm(setup.scenario.radio.max_power_dbm),
-            periods: [[0; LANES]; SUB_CHANNELS],
+            max_power: setup.scenario.radio.max_power(),
+            frames: [None; LANES],
             streams: losses.then(|| setup.row_streams(KIND.stream)),
         }))
     },
@@ -24,50 +25,49 @@ pub static KIND: Kind = Kind {
 
 struct Assigned {
     max_power: Dbm,
-    /// Of the row in work. `[group][world]`.
-    periods: [Row<u8>; SUB_CHANNELS],
+    /// Of the row in work, each with its first place in the slot.
+    frames: [Option<(Ring, u16)>; LANES],
     /// Of those who got no place, if there may be any; by row of worlds.
     streams: Option<Vec<LaneStream>>,
 }
 
 impl Policy for Assigned {
     fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
-        for (group, periods) in self.periods.iter_mut().enumerate() {
-            *periods = *broadcasts.periods(group);
+        for lane in 0..broadcasts.worlds() {
+            let frame = broadcasts.frame(lane);
+            self.frames[lane] = frame.map(|frame| (frame, frame.first_place(broadcasts.slot())));
         }
     }
 
     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
-        let words = self
-            .streams
-            .as_mut()
-            .map(|streams| *streams[senses.block()].next_row());
-        let (homes, ages) = (senses.homes(), senses.ages());
-        let shift = hop(senses.slot(), senses.sub_channels());
+        let words = self.streams.as_mut().map(|streams| {
+            let stream = &mut streams[senses.block()];
+            let sub_channels = below(stream.next_row(), senses.sub_channels() as u32);
+            (sub_channels, *stream.next_row())
+        });
+        let ages = senses.ages();
         for lane in 0..senses.worlds() {
-            let period = self.periods.get(usize::from(homes[lane])).map(|row| row[lane]);
-            let Some(period) = period.filter(|&period| period > 0) else {
+            let Some((frame, first)) = self.frames[lane] else {
                 continue;
             };
-            let sends = match (senses.position(lane), &words) {
-                (Some(position), _) => senses.slot().0 % u32::from(period) == u32::from(position),
+            let sub_channels = frame.sub_channels();
+            let turn = if let Some(place) = senses.frame_place(lane) {
+                let offset = (place + frame.places() - first) % frame.places();
+                let hop = hop(senses.slot(), sub_channels);
+                (usize::from(offset) < sub_channels.count())
+                    .then(|| carrier(offset.into(), hop, sub_channels) as u8)
+            } else if let Some((sub_channel, words)) = &words {
                 // Without a place it contends once it is older than a frame, once a frame in the mean (chosen).
-                (None, Some(words)) => {
-                    ages[lane] > period && unit_interval(words[lane]) * f32::from(period) < 1.0
-                }
-                (None, None) => false,
+                let frame = f32::from(frame.places()) / sub_channels.count() as f32;
+                let contends = f32::from(ages[lane]) > frame && unit_interval(words[lane]) * frame < 1.0;
+                contends.then_some(sub_channel[lane])
+            } else {
+                None
             };
-            if sends {
-                let sub_channel = (usize::from(homes[lane]) + shift) % senses.sub_channels();
-                decisions.sub_channel[lane] = sub_channel as u8;
+            if let Some(sub_channel) = turn {
+                decisions.sub_channel[lane] = sub_channel;
                 decisions.power[lane] = self.max_power.to_bits();
             }
         }
     }
-}
-
-/// By how many sub-channels all groups have hopped together in a slot, so that who stands in a fade does not stay there: a hash of the
-/// slot (Fibonacci hashing, Knuth, The Art of Computer Programming 3, 6.4), since no frame is a multiple of that.
-fn hop(slot: SlotIndex, sub_channels: usize) -> usize {
-    (slot.0.wrapping_mul(0x9e37_79b1) >> 16) as usize % sub_channels
 }

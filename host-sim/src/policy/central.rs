@@ -1,6 +1,6 @@
 //! The central scheduler: it sees every gain of the slot and every age, which no real base station can.
 
-use super::{Decider, Kind, Needs, Oracle, dbm};
+use super::{Decider, Kind, Needs, Oracle};
 use crate::decisions::Decisions;
 use crate::lanes::{LANES, Row};
 use crate::scenario::Scenario;
@@ -31,7 +31,7 @@ impl Central {
         let required_db = 10.0 * libm::log10(scenario.radio.required_sinr());
         // Room for the rounding of gains between dB and ratios.
         Self {
-            max_power: dbm(scenario.radio.max_power_dbm),
+            max_power: scenario.radio.max_power(),
             required_db: required_db as f32 + 1e-3,
             ranks: Vec::new(),
             free: vec![[true; LANES]; scenario.radio.sub_channels as usize],
@@ -59,7 +59,7 @@ impl Central {
 /// Ages above, then the index from the end.
 const INDEX_BITS: u32 = 16;
 
-fn rank(age: u8, index: usize) -> u32 {
+fn rank(age: u16, index: usize) -> u32 {
     u32::from(age) << INDEX_BITS | (u32::from(u16::MAX) - index as u32)
 }
 

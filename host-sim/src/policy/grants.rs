@@ -1,6 +1,6 @@
 //! Dynamic grants: the base station says slot by slot who sends, some slots ahead, and knows no gain.
 
-use super::{Decider, Kind, Needs, Scheduler, dbm};
+use super::{Decider, Kind, Needs, Scheduler};
 use crate::decisions::Decisions;
 use crate::lanes::Rows;
 use crate::truth::Knowledge;
@@ -17,7 +17,7 @@ pub static KIND: Kind = Kind {
         let delay = setup.scenario.baselines.grant_delay_slots;
         let grants = setup.worlds() * setup.scenario.radio.sub_channels as usize;
         Decider::Scheduler(Box::new(Grants {
-            max_power: dbm(setup.scenario.radio.max_power_dbm),
+            max_power: setup.scenario.radio.max_power(),
             delay,
             under_way: (0..=delay).map(|_| Vec::with_capacity(grants)).collect(),
             busy_until: Rows::new(setup.worlds(), setup.vehicles, 0),

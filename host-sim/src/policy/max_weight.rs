@@ -1,6 +1,6 @@
 //! Max-weight scheduling: the base station weighs who is old against who will probably be received, as far as it knows the gains.
 
-use super::{Decider, Kind, Needs, Scheduler, dbm};
+use super::{Decider, Kind, Needs, Scheduler};
 use crate::decisions::Decisions;
 use crate::lanes::{Rows, ratio};
 use crate::scenario::Scenario;
@@ -19,7 +19,7 @@ pub static KIND: Kind = Kind {
         let (scenario, sub_channels) = (setup.scenario, setup.scenario.radio.sub_channels as usize);
         let chances = Chances::new(scenario, setup.worlds(), setup.vehicles);
         Decider::Scheduler(Box::new(MaxWeight {
-            max_power: dbm(scenario.radio.max_power_dbm),
+            max_power: scenario.radio.max_power(),
             chances,
             weights: Vec::with_capacity(setup.vehicles * sub_channels),
             bids: Vec::with_capacity(setup.vehicles),
@@ -480,7 +480,7 @@ mod tests {
             for world in 0..environment.worlds() {
                 for vehicle in 0..3 {
                     let sub_channel = (vehicle + slot) % 3;
-                    decisions.transmit(world, vehicle, sub_channel, dbm(8.0));
+                    decisions.transmit(world, vehicle, sub_channel, Dbm::from_bits(8 << 8));
                 }
             }
             let known = environment.knowledge();

@@ -11,8 +11,9 @@ use crate::senses::{Broadcasts, Senses};
 use crate::stream::{Role, Stream, WorldKey};
 use crate::truth::{Knowledge, Truth};
 use firmware::decision::PowerPlan;
+use firmware::ring::MAX_PLACES;
 use firmware::table::Table;
-use firmware::units::{Dbm, Level, SUB_CHANNELS};
+use firmware::units::{Level, MAX_SUB_CHANNELS, SubChannels};
 use kit::choice::Choice;
 use kit::error::{Error, Result};
 
@@ -60,24 +61,26 @@ const _: () = {
 /// A decentralised policy: every vehicle decides from what it alone senses.
 ///
 /// ```
-/// use firmware::decision::{Action, PowerPlan};
-/// use firmware::observation::Observation;
+/// use firmware::decision::Decision;
+/// use firmware::units::SubChannel;
 /// use host_sim::decisions::VehicleDecisions;
 /// use host_sim::mobility::Grid;
-/// use host_sim::policy::{Setup, power_plan};
+/// use host_sim::policy::Setup;
 /// use host_sim::senses::Senses;
 /// use host_sim::{Decider, Extent, Policy, ScenarioSource, Simulation};
 ///
-/// /// Sends at full power in every slot in which its age is a multiple of its group's size.
-/// struct Punctual(PowerPlan);
+/// /// Sends on the first sub-channel, at full power, when its age is a multiple of ten slots.
+/// struct Punctual;
 ///
 /// impl Policy for Punctual {
 ///     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
 ///         for world in 0..senses.worlds() {
 ///             let Some(measurement) = senses.measurement(world) else { continue };
-///             if measurement.age().slots() % measurement.broadcast().period.slots() == 0 {
-///                 let observation = Observation::new(&measurement);
-///                 decisions.set(world, self.0.decision(Action::FullPower, &observation));
+///             if measurement.age().slots() % 10 == 0
+///                 && let Some(sub_channel) = SubChannel::new(0)
+///             {
+///                 let power = measurement.broadcast().max_power;
+///                 decisions.set(world, Decision::Transmit { sub_channel, power });
 ///             }
 ///         }
 ///     }
@@ -90,9 +93,9 @@ const _: () = {
 ///     source: &Grid,
 ///     extent: Extent { seed: 1, worlds: 2, slots: 100, warmup: 0 },
 /// };
-/// let build = |_: &Setup<'_>| Decider::Policy(Box::new(Punctual(power_plan(&scenario))));
+/// let build = |_: &Setup<'_>| Decider::Policy(Box::new(Punctual));
 /// let (ages, _) = simulation.run(build, |_, _| ())?;
-/// // All begin with the largest age, so all have the same turn and collide for ever.
+/// // All begin with the same age, so all send together, and hardly anybody is heard.
 /// assert!(ages.mean_ms > 50.0);
 /// # Ok(())
 /// # }
@@ -148,9 +151,9 @@ pub struct Kind {
 pub enum Needs {
     /// Nothing besides the cell.
     Nothing,
-    /// The base station's groups, which reach 100 members each, and their broadcasts.
-    Groups,
-    /// Groups, and a weight table made for the scenario.
+    /// The base station's ring and what it broadcasts of it.
+    Ring,
+    /// The ring, and a weight table made for the scenario.
     Table,
 }
 
@@ -218,11 +221,6 @@ impl<'e> Setup<'e> {
     pub fn streams(&self, number: u32) -> impl Iterator<Item = Stream> + '_ {
         self.keys.iter().map(move |key| key.stream(Role::Policy, number))
     }
-
-    /// The stream that a vehicle's unit draws its back-off from.
-    pub fn back_off(&self, world: usize, vehicle: usize) -> Stream {
-        self.keys[world].stream(Role::BackOff, vehicle as u32)
-    }
 }
 
 impl Kind {
@@ -236,8 +234,24 @@ impl Kind {
     /// # Errors
     /// [`Error::Input`] names the limit that is exceeded, or the table's property that does not fit the scenario.
     pub fn check(&self, scenario: &Scenario, vehicles: usize, table: &Table<'_>) -> Result<()> {
-        let needs_groups = self.needs != Needs::Nothing;
+        let needs_ring = self.needs != Needs::Nothing;
         if self.uses_table() {
+            let sub_channels = SubChannels::new(scenario.radio.sub_channels as usize);
+            if !sub_channels.is_some_and(|sub_channels| table.serves(sub_channels)) {
+                let serves =
+                    |count: &usize| SubChannels::new(*count).is_some_and(|count| table.serves(count));
+                let served: Vec<usize> = (1..=MAX_SUB_CHANNELS).filter(serves).collect();
+                let expected = match served[..] {
+                    [first, .., last] => format!("{first} to {last}, which the table serves"),
+                    [only] => format!("{only}, which the table serves"),
+                    [] => "another table, which serves any".to_owned(),
+                };
+                return Err(Error::input(
+                    "radio.sub_channels",
+                    scenario.radio.sub_channels,
+                    expected,
+                ));
+            }
             let most = usize::from(table.max_vehicles());
             if vehicles > most {
                 return Err(Error::input(
@@ -246,13 +260,8 @@ impl Kind {
                     format!("at most {most}, which the table serves"),
                 ));
             }
-            // Measured gains are relative to full power, and the joiner levels to the required SINR: a table lives in the
-            // scenario that it was made for.
+            // The joiner levels are relative to the required SINR: a table lives in cells of the one that it was made for.
             let radio = &scenario.radio;
-            if table.power_plan().max_power != dbm(radio.max_power_dbm) {
-                let expected = format!("{} dBm as in the table", table.power_plan().max_power.value());
-                return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));
-            }
             if table.required_sinr() != radio.required_level() {
                 let level = |level: Level| format!("a required SINR of {:.3} dB", level.to_num::<f64>());
                 let found = format!(
@@ -264,17 +273,22 @@ impl Kind {
                 return Err(Error::input("radio.min_spectral_efficiency", found, expected));
             }
         }
-        let sub_channels = scenario.radio.sub_channels as usize;
-        if needs_groups && sub_channels != SUB_CHANNELS {
+        if needs_ring && SubChannels::new(scenario.radio.sub_channels as usize).is_none() {
             let expected = format!(
-                "{SUB_CHANNELS}, which units are built for, for policy {}",
+                "at most {MAX_SUB_CHANNELS}, which units know, for policy {}",
                 self.name
             );
-            return Err(Error::input("radio.sub_channels", sub_channels, expected));
+            return Err(Error::input(
+                "radio.sub_channels",
+                scenario.radio.sub_channels,
+                expected,
+            ));
         }
-        let most = SUB_CHANNELS * 100;
-        if needs_groups && vehicles > most {
-            let expected = format!("at most {most}: groups of 100 for policy {}", self.name);
+        if needs_ring && vehicles > usize::from(MAX_PLACES) {
+            let expected = format!(
+                "at most {MAX_PLACES}, the places of a ring, for policy {}",
+                self.name
+            );
             return Err(Error::input("vehicles", vehicles, expected));
         }
         Ok(())
@@ -293,15 +307,7 @@ pub fn power_plan(scenario: &Scenario) -> PowerPlan {
         below += level;
         Level::saturating_from_num(10.0 * libm::log10(level))
     });
-    PowerPlan {
-        max_power: dbm(scenario.radio.max_power_dbm),
-        joiner_levels,
-    }
-}
-
-/// dBm as units know it, rounded down so that no limit is exceeded.
-fn dbm(value: f64) -> Dbm {
-    Dbm::from_bits((value * 256.0).floor() as i16)
+    PowerPlan { joiner_levels }
 }
 
 /// Words as numbers that are uniform on `0..count`.

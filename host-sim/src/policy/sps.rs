@@ -14,7 +14,7 @@
 //!   fifth of all resources remains, and then takes the fifth with the least power. Where a reservation is known by its power alone,
 //!   the second step contains the first.
 
-use super::{Decider, Kind, Needs, Policy, dbm};
+use super::{Decider, Kind, Needs, Policy};
 use crate::decisions::VehicleDecisions;
 use crate::lanes::{LANES, Row, Rows, ratio};
 use crate::senses::{Broadcasts, Senses};
@@ -34,7 +34,7 @@ pub static KIND: Kind = Kind {
         let load = scenario.baselines.sps_period_load;
         let ring = period(setup.most_vehicles, sub_channels, load) as usize;
         Decider::Policy(Box::new(SemiPersistent {
-            max_power: dbm(scenario.radio.max_power_dbm),
+            max_power: scenario.radio.max_power(),
             load,
             keep_probability: scenario.baselines.sps_keep_probability,
             reservations: Rows::new(worlds, setup.vehicles, Reservation::default()),
@@ -281,7 +281,7 @@ mod tests {
             world: 0,
         };
         let mut policy = SemiPersistent {
-            max_power: dbm(30.0),
+            max_power: Dbm::from_bits(30 << 8),
             load: 1.0,
             keep_probability: 0.0,
             reservations: Rows::new(1, 1, Reservation::default()),

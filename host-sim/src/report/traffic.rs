@@ -52,7 +52,7 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> Result<Table> {
     let error = scenario.traffic.max_capacity_error_veh_per_h;
     table.note(&format!(
         "Capacity error {error} veh/h at the largest age of {} ms.",
-        Age::MAX.slots()
+        Age::TIME_CONSTRAINT.slots()
     ));
     table.note(
         "Uniform: every road has the policy's mean age, as in the paper's figures; no route changes then.",

@@ -4,7 +4,7 @@
 
 mod source;
 
-use firmware::units::Level;
+use firmware::units::{Dbm, Level};
 use kit::error::{Error, Result};
 use kit::keys;
 
@@ -66,20 +66,20 @@ keys! {
         /// Carrier frequency, which scales the path loss by 21 log10(f / 2 GHz).
         #[key(range = 1e-6..=1e6, unit = "GHz", source = "Table I, 3GPP TR 36.942 4.5.2")]
         pub carrier_ghz: f64,
-        /// Sub-channels to the base station. Units, and so actor and clock, know 3.
+        /// Sub-channels to the base station. Units, and so actor and clock, know up to 16; the shipped table serves up to 8.
         #[key(range = 1.0..=200.0, unit = "sub-channels", source = "Table I")]
         pub sub_channels: u32,
         /// Bandwidth of a sub-channel.
         #[key(range = 1e-6..=1e6, unit = "kHz", source = "Table I")]
         pub bandwidth_khz: f64,
-        /// C_min over the bandwidth, the rate that a report needs: 540 kbit/s here. Below 1, two vehicles could succeed on one
-        /// sub-channel at once.
+        /// C_min over the bandwidth, the rate that a report needs: 540 kbit/s here, at exactly Shannon's rate, some 5 dB less than a real
+        /// code needs. Below 1, two vehicles could succeed on one sub-channel at once.
         #[key(range = 1.0..=20.0, unit = "bit/s/Hz", source = "the group's earlier work, the paper has none")]
         pub min_spectral_efficiency: f64,
         /// Full power of a vehicle.
         #[key(range = -100.0..=100.0, unit = "dBm", source = "Table I")]
         pub max_power_dbm: f64,
-        /// Noise on a sub-channel.
+        /// Noise on a sub-channel: with the noise figure, 7.4 dB more than 180 kHz have.
         #[key(range = -250.0..=100.0, unit = "dBm", source = "Table I")]
         pub noise_power_dbm: f64,
         /// Gain of a vehicle's antenna.
@@ -215,13 +215,10 @@ keys! {
 
     /// The section `broadcast`.
     pub struct BroadcastScenario {
-        /// Number of a group's joiners that should send in a slot.
-        #[key(range = 1e-6..=1e6, unit = "transmissions/slot", source = "chosen")]
-        pub joiner_load: f64,
-        /// Age of the count of joiners when units hear it.
+        /// How long before a slot the base station decides who is called to contend in it.
         #[key(range = 0.0..=10_000.0, unit = "slots", source = "chosen")]
-        pub joiner_count_delay_slots: u32,
-        /// Delay until a group that shrinks is announced. One that grows is announced at once.
+        pub call_delay_slots: u32,
+        /// Delay until a ring that shrinks is announced. One that grows is announced at once.
         #[key(range = 0.0..=10_000.0, unit = "slots", source = "chosen")]
         pub shrink_delay_slots: u32,
     }
@@ -290,6 +287,9 @@ keys! {
     }
 }
 
+/// Exact, by definition of the metre.
+const SPEED_OF_LIGHT_M_PER_S: f64 = 299_792_458.0;
+
 impl RadioScenario {
     /// Signal-to-interference-and-noise ratio from which a transmission carries C_min: 2^(C_min/W) - 1 (paper eq. 2).
     pub fn required_sinr(&self) -> f64 {
@@ -299,6 +299,16 @@ impl RadioScenario {
     /// [`RadioScenario::required_sinr`] as units know it, rounded up to their next step.
     pub fn required_level(&self) -> Level {
         Level::saturating_from_num(libm::ceil(2560.0 * libm::log10(self.required_sinr())) / 256.0)
+    }
+
+    /// [`RadioScenario::max_power_dbm`] as units know it, rounded down so that no limit is exceeded.
+    pub fn max_power(&self) -> Dbm {
+        Dbm::from_bits(libm::floor(self.max_power_dbm * 256.0) as i16)
+    }
+
+    /// The Doppler shift at a speed, in Hz.
+    pub fn doppler_hz(&self, speed_m_per_s: f64) -> f64 {
+        speed_m_per_s * self.carrier_ghz * 1e9 / SPEED_OF_LIGHT_M_PER_S
     }
 
     /// C_min in kbit/s.

@@ -7,10 +7,11 @@ use crate::lanes::{LANES, Row};
 use crate::policy::Policy;
 use crate::senses::Senses;
 use firmware::form::MAX_INPUTS;
+use firmware::lots::Identity;
 use firmware::observation::Observation;
 use firmware::table::Table;
 
-/// One table for all vehicles, or one for each. Every group must be small enough for a broadcast.
+/// One table for all vehicles, or one for each.
 pub struct FormActors<'t> {
     tables: &'t [Table<'t>],
     networks: Vec<LaneNetwork>,
@@ -40,7 +41,7 @@ impl Policy for FormActors<'_> {
             let Some(measurement) = senses.measurement(lane) else {
                 continue;
             };
-            let observation = Observation::new(&measurement);
+            let observation = Observation::new(&measurement, Identity(senses.identities()[lane]));
             observation_form.encode(&observation, table.required_sinr(), |codes| {
                 for (row, &code) in self.inputs.iter_mut().zip(codes) {
                     row[lane] = i32::from(code);

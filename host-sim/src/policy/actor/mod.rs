@@ -3,7 +3,7 @@
 //! Encoding, choice and power are the library's own lines, called lane by lane. The network's products alone are written anew for
 //! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every
 //! slot decides by the actor alone, so no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
-//! the library's own encoders and decoders around the network. Where a group can be too large for a broadcast, or modems may measure nothing, `units` decide; so
+//! the library's own encoders and decoders around the network. Where modems may measure nothing, `units` decide; so
 //! they do for a single world, which is less work than a row of which one lane counts.
 
 mod forms;
@@ -15,11 +15,11 @@ use super::{Decider, Kind, Needs, Policy, Setup};
 use crate::decisions::{SILENT, VehicleDecisions};
 use crate::lanes::{LANES, Row};
 use crate::senses::{Broadcasts, Senses};
-use firmware::decision::{ACTIONS, Action, PowerPlan};
+use firmware::decision::{ACTIONS, Action, PowerPlan, power};
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::observation::INPUTS;
+use firmware::observation::{INPUTS, NOWHERE};
 use firmware::table::Table;
-use firmware::units::Period;
+use firmware::units::Dbm;
 use network::LaneNetwork;
 pub use observation::Encoder;
 use observation::View;
@@ -35,14 +35,13 @@ pub static KIND: Kind = Kind {
 
 /// The actors in the way that fits the worlds: with one table for all vehicles, or one for each.
 pub fn build<'t>(setup: &Setup<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
-    let measured = setup.most_vehicles <= usize::from(Period::MAX);
     let misses = setup.scenario.feedback.measurement_loss > 0.0;
-    if setup.worlds() == 1 || !measured || misses {
+    if setup.worlds() == 1 || misses {
         return Box::new(units::Units::new(tables, setup));
     }
     match tables {
         [table]
-            if table.observation_form() == ObservationForm::HomeFirst
+            if table.observation_form() == ObservationForm::Ring
                 && table.output_form() == OutputForm::Actions =>
         {
             Box::new(LaneActor::new(table))
@@ -56,7 +55,7 @@ fn table_index(tables: &[Table<'_>], vehicle: usize) -> usize {
     vehicle.min(tables.len().saturating_sub(1))
 }
 
-/// Decides for a row of worlds at a time. Every group must be small enough for a broadcast.
+/// Decides for a row of worlds at a time.
 pub struct LaneActor {
     encoder: Encoder,
     inputs: [Row<i32>; INPUTS],
@@ -90,28 +89,30 @@ impl Policy for LaneActor {
                 self.encoder.encode(&view, &mut self.inputs);
                 let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
                 *decisions.sub_channel = sub_channels(&view, &actions);
-                *decisions.power = powers(&self.power_plan, &view, &actions);
+                *decisions.power = powers(&self.power_plan, self.encoder.max_power(), &view, &actions);
             },
         );
     }
 }
 
-/// Home, or silence.
+/// Where an action sends: its own place's sub-channel, the best one to contend on, or nowhere.
 #[inline(always)]
 fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
     let mut chosen = [0; LANES];
     for lane in 0..LANES {
         let silent = i32::from(actions[lane] == Action::Silent as i32).wrapping_neg();
-        // All bits set.
-        const _: () = assert!(SILENT == u8::MAX);
-        chosen[lane] = (view.home[lane] | silent) as u8;
+        // All bits set, as in no sub-channel.
+        const _: () = assert!(SILENT == u8::MAX && NOWHERE as u8 == SILENT);
+        let own = actions[lane] == Action::FullPower as i32;
+        let sub_channel = if own { view.own[lane] } else { view.best[lane] };
+        chosen[lane] = (sub_channel | silent) as u8;
     }
     chosen
 }
 
 /// Powers in 1/256 dBm as [`PowerPlan::decision`] gives them; without meaning for silence.
 #[inline(always)]
-fn powers(plan: &PowerPlan, view: &View, actions: &Row<i32>) -> Row<i16> {
+fn powers(plan: &PowerPlan, max_power: Dbm, view: &View, actions: &Row<i32>) -> Row<i16> {
     let aims = Action::ALL.map(|action| i32::from(plan.aim(action).to_bits()));
     let mut powers = [0; LANES];
     for lane in 0..LANES {
@@ -123,7 +124,8 @@ fn powers(plan: &PowerPlan, view: &View, actions: &Row<i32>) -> Row<i16> {
                 chosen
             };
         }
-        powers[lane] = plan.power(view.gain[0][lane], chosen) as i16;
+        // At full power no gain is reduced.
+        powers[lane] = power(max_power, view.best_gain[lane], chosen) as i16;
     }
     powers
 }

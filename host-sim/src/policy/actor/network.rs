@@ -120,7 +120,11 @@ impl Quad {
     /// The rows' results by the specification, before any clamp.
     #[inline(always)]
     fn scaled(&self, vectors: Vectors, activations: &[Row<i32>]) -> [Row<i32>; QUAD] {
-        let mut rows = self.biases.map(|bias| [bias; LANES]);
+        // No closure: it would not always be inlined, and then lose the vector unit.
+        let mut rows = [[0; LANES]; QUAD];
+        for (row, &bias) in rows.iter_mut().zip(&self.biases) {
+            *row = [bias; LANES];
+        }
         vectors.add_products(&mut rows, &self.weights, activations);
         for (row, &multiplier) in rows.iter_mut().zip(&self.multipliers) {
             // Two neighbours in 64 bits, each multiplied as its half: no lane has to move.

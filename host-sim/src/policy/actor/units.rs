@@ -5,7 +5,7 @@ use crate::decisions::VehicleDecisions;
 use crate::lanes::LANES;
 use crate::policy::{Policy, Setup};
 use crate::senses::Senses;
-use crate::stream::Stream;
+use firmware::lots::Identity;
 use firmware::table::Table;
 use firmware::unit::{Event, Unit};
 
@@ -13,25 +13,18 @@ use firmware::unit::{Event, Unit};
 pub struct Units<'t> {
     tables: &'t [Table<'t>],
     vehicles: usize,
-    /// What each unit draws its back-off from, until it is switched on. `[world][vehicle]`.
-    back_off: Vec<Option<Stream>>,
     /// `[world][vehicle]`.
-    units: Vec<Option<Unit<'t, Stream>>>,
+    units: Vec<Option<Unit<'t>>>,
 }
 
 impl<'t> Units<'t> {
     /// Units that run these tables.
     pub fn new(tables: &'t [Table<'t>], setup: &Setup<'_>) -> Self {
-        let vehicles = 0..setup.vehicles;
-        let worlds = 0..setup.worlds();
-        let places = worlds.flat_map(|world| vehicles.clone().map(move |vehicle| (world, vehicle)));
-        let back_off = places.map(|(world, vehicle)| Some(setup.back_off(world, vehicle)));
         let mut units = Vec::new();
         units.resize_with(setup.worlds() * setup.vehicles, || None);
         Self {
             tables,
             vehicles: setup.vehicles,
-            back_off: back_off.collect(),
             units,
         }
     }
@@ -43,10 +36,8 @@ impl Policy for Units<'_> {
         let table = &self.tables[table_index(self.tables, vehicle)];
         for lane in (0..senses.worlds()).filter(|&lane| senses.is_present(lane)) {
             let index = (senses.block() * LANES + lane) * self.vehicles + vehicle;
-            if let Some(back_off) = self.back_off[index].take() {
-                self.units[index] = Some(Unit::new(table.bytes(), back_off));
-            }
-            let Some(unit) = &mut self.units[index] else { continue };
+            let identity = Identity(senses.identities()[lane]);
+            let unit = self.units[index].get_or_insert_with(|| Unit::new(table.bytes(), identity));
             let event = senses
                 .measurement(lane)
                 .map_or(Event::Missed(senses.slot()), Event::Measured);
