@@ -12,6 +12,7 @@ use crate::quantise::quantise;
 use crate::run_folder::RunIdentity;
 use firmware::form::{CONTINUOUS_ONE, OutputForm};
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
+use firmware::units::SubChannels;
 use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use rayon::prelude::*;
@@ -93,7 +94,9 @@ pub fn actor_tables(
         .collect();
     let continuous = actors.form.output == OutputForm::SubChannelAndPower;
     let output_step = continuous.then_some(1.0 / f64::from(CONTINUOUS_ONE));
+    let sub_channels = scenario.radio.sub_channels as usize;
     let header = Header {
+        max_sub_channels: SubChannels::new(sub_channels).unwrap_or(SubChannels::ONE),
         observation_form: actors.form.observation,
         output_form: actors.form.output,
         max_vehicles: u16::try_from(actors.form.max_vehicles).unwrap_or(u16::MAX),

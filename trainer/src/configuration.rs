@@ -4,10 +4,12 @@
 //! what differs from the simulator's preset that it starts from.
 
 use crate::evolution::{Evolution, EvolutionLearner};
+use crate::forms;
 use crate::laboratory::learner::Learner;
 use crate::maddpg::in_cell::MaddpgInCell;
 use crate::maddpg::options::Maddpg;
 use crate::ppo::{self, PpoLearner};
+use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::{self, Scenario};
 use kit::error::{Error, Result};
 use kit::keys::Key;
@@ -45,7 +47,7 @@ keys! {
         evolution: Option<Evolution>,
         /// The paper's modified multi-agent DDPG and its family.
         maddpg: Option<Maddpg>,
-        /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole group.
+        /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole cell.
         ppo: Option<ppo::Recipe>,
         /// The cell to learn in.
         scenario: Scenario,
@@ -137,8 +139,13 @@ impl Algorithm {
 
     /// Checks keys against each other and the scenario.
     fn check(&self, scenario: &Scenario) -> Result<()> {
+        let (observation, output) = match self {
+            Self::Maddpg(maddpg) => (maddpg.observation, maddpg.action),
+            Self::Evolution(_) | Self::Ppo(_) => (ObservationForm::Ring, OutputForm::Actions),
+        };
+        forms::check_sub_channels("scenario.radio.sub_channels", scenario, observation, output)?;
         match self {
-            Self::Evolution(evolution) => evolution.check(),
+            Self::Evolution(evolution) => evolution.check(scenario),
             Self::Maddpg(maddpg) => maddpg.check(scenario),
             Self::Ppo(recipe) => recipe.check(),
         }
@@ -248,6 +255,10 @@ mod tests {
             "scenario.cell.vehicles: found 0, expected 1 to 10000 vehicles"
         );
         assert_eq!(
+            message("scenario.cell.vehicles=4001"),
+            "scenario.cell.vehicles: found 4001, expected at most 4000, the places of a ring"
+        );
+        assert_eq!(
             message("evolution.hidden=16"),
             "--set evolution.hidden: found 16, expected a list such as [64, 64]"
         );
@@ -255,6 +266,48 @@ mod tests {
             message("evolution.elite=900"),
             "evolution.elite: found 900, expected at most half of evolution.population, which is 40"
         );
+    }
+
+    #[test]
+    fn forms_that_know_three_sub_channels_are_refused_elsewhere() {
+        let message = |preset: Preset, sub_channels: u32, settings: &[&str]| {
+            let number = format!("scenario.radio.sub_channels={sub_channels}");
+            let read = preset.with(&[&[number.as_str()], settings].concat());
+            read.err().map(|error| error.to_string())
+        };
+        for (preset, settings) in [
+            (Preset::Paper, &[][..]),
+            (Preset::Paper, &["maddpg.observation=firmware"]),
+            (
+                Preset::Paper,
+                &["maddpg.observation=age-one-hot", "maddpg.action=actions"],
+            ),
+            (
+                Preset::Companion,
+                &["maddpg.observation=firmware", "maddpg.action=sub-channels"],
+            ),
+        ] {
+            assert_eq!(message(preset, 3, settings), None);
+            assert_eq!(
+                message(preset, 4, settings).unwrap(),
+                "scenario.radio.sub_channels: found 4, expected 3, which actors know unless their observation is \"firmware\" and \
+                 their action \"actions\""
+            );
+        }
+        for preset in [
+            Preset::Evolution,
+            Preset::Freshlane,
+            Preset::Ppo,
+            Preset::FineTune,
+        ] {
+            for sub_channels in [1, 16] {
+                assert_eq!(message(preset, sub_channels, &[]), None);
+            }
+            assert_eq!(
+                message(preset, 17, &[]).unwrap(),
+                "scenario.radio.sub_channels: found 17, expected at most 16, which units know"
+            );
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::laboratory::actors::Actors;
 use crate::network::perceptron::{Pass, Rows};
 use firmware::actor::Actor;
 use firmware::decision::{Decision, PowerPlan};
-use firmware::measurement::Measurement;
+use firmware::lots::Identity;
 use firmware::observation::Observation;
 use firmware::table::Table;
 use firmware::units::Level;
@@ -84,8 +84,8 @@ pub struct FloatActors<'a> {
     setting: Setting,
     /// Of exploration, one a world; without them every decision is greedy.
     explore: Vec<Stream>,
-    /// A vehicle's measurements with their worlds, and the inputs made of them, one after the other.
-    measured: Vec<(usize, Measurement)>,
+    /// What a vehicle sees in its worlds, and the inputs made of it, one after the other.
+    observed: Vec<(usize, Observation)>,
     inputs: Vec<f32>,
     pass: Pass,
     outputs: Vec<f32>,
@@ -106,7 +106,7 @@ impl<'a> FloatActors<'a> {
             actors,
             setting,
             explore: Vec::new(),
-            measured: Vec::new(),
+            observed: Vec::new(),
             inputs: Vec::new(),
             pass: Pass::default(),
             outputs: Vec::new(),
@@ -138,33 +138,34 @@ impl Policy for FloatActors<'_> {
         let (form, vehicle) = (self.actors.form, senses.vehicle());
         let last = self.quantised.len().saturating_sub(1);
         let (mut same, mut all) = (0, 0);
-        let lanes = 0..senses.worlds();
-        self.measured.clear();
-        self.measured
-            .extend(lanes.filter_map(|lane| Some((lane, senses.measurement(lane)?))));
-        let (length, samples) = (form.observation.inputs(), self.measured.len());
+        let observe = |lane: usize| {
+            let identity = Identity(senses.identities()[lane]);
+            Some((lane, Observation::new(&senses.measurement(lane)?, identity)))
+        };
+        self.observed.clear();
+        self.observed.extend((0..senses.worlds()).filter_map(observe));
+        let (length, samples) = (form.observation.inputs(), self.observed.len());
         self.inputs.resize(samples * length, 0.0);
-        for ((_, measurement), input) in self.measured.iter().zip(self.inputs.chunks_exact_mut(length)) {
-            forms::observe(form.observation, measurement, required_sinr, input);
+        for ((_, observation), input) in self.observed.iter().zip(self.inputs.chunks_exact_mut(length)) {
+            forms::observe(form.observation, observation, required_sinr, input);
         }
         let network = self.actors.network(vehicle);
         let columns = network.forward_batch(Rows::all(&self.inputs, length), &mut self.pass);
-        for (sample, (lane, measurement)) in self.measured.iter().enumerate() {
+        for (sample, (lane, observation)) in self.observed.iter().enumerate() {
             self.outputs.clear();
             self.outputs.extend(columns.iter().skip(sample).step_by(samples));
             let explore = self.explore.get_mut(senses.block() * LANES + lane);
-            let observation = Observation::new(measurement);
             let decision = forms::decide(
                 form.output,
                 &self.outputs,
                 form.noise,
-                &observation,
+                observation,
                 &power_plan,
                 explore,
             );
             decisions.set(*lane, decision);
             if let Some(quantised) = self.quantised.get_mut(vehicle.min(last)) {
-                same += u64::from(agree(decision, quantised.decide(&observation)));
+                same += u64::from(agree(decision, quantised.decide(observation)));
                 all += 1;
             }
         }
@@ -195,9 +196,9 @@ pub fn watch_inputs(
                 let Some(measurement) = environment.measurement(world, vehicle) else {
                     continue;
                 };
-                forms::observe(form.observation, &measurement, required_sinr, &mut input);
+                let observation = Observation::new(&measurement, environment.identity(world, vehicle));
+                forms::observe(form.observation, &observation, required_sinr, &mut input);
                 let outputs = actors.network(vehicle).forward(&input);
-                let observation = Observation::new(&measurement);
                 let decision =
                     forms::decide(form.output, &outputs, form.noise, &observation, &power_plan, None);
                 decisions.set(world, vehicle, decision);

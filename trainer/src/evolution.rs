@@ -9,6 +9,7 @@ use crate::laboratory::state::State;
 use crate::network::Network;
 use crate::network::perceptron::{Pass, Perceptron, Rows};
 use firmware::form::{ObservationForm, OutputForm};
+use firmware::ring::MAX_PLACES;
 use host_sim::scenario::Scenario;
 use host_sim::stream::Stream;
 use kit::error::{Error, Result};
@@ -52,11 +53,16 @@ keys! {
 }
 
 impl Evolution {
-    /// Checks keys against each other.
+    /// Checks keys against each other and the scenario.
     ///
     /// # Errors
     /// A key that does not go with another.
-    pub fn check(&self) -> Result<()> {
+    pub fn check(&self, scenario: &Scenario) -> Result<()> {
+        let vehicles = scenario.cell.vehicles;
+        if vehicles > u32::from(MAX_PLACES) {
+            let expected = format!("at most {MAX_PLACES}, the places of a ring");
+            return Err(Error::input("scenario.cell.vehicles", vehicles, expected));
+        }
         if self.elite > self.population / 2 {
             let expected = format!(
                 "at most half of evolution.population, which is {}",
@@ -69,7 +75,7 @@ impl Evolution {
 }
 
 /// What the actor sees, and what it does.
-const OBSERVATION: ObservationForm = ObservationForm::HomeFirst;
+const OBSERVATION: ObservationForm = ObservationForm::Ring;
 const OUTPUT: OutputForm = OutputForm::Actions;
 
 /// A normal distribution over parameter vectors, with independent components.

@@ -5,7 +5,7 @@ use firmware::decision::PowerPlan;
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_LAYERS;
 use firmware::table::{CHECKSUM, HEADER_LEN, MAGIC, Provenance, Table, VERSION};
-use firmware::units::{Level, SUB_CHANNELS};
+use firmware::units::{Level, SubChannels};
 use host_sim::pack::pack;
 use host_sim::revision::revision_text;
 use kit::error::Result;
@@ -20,6 +20,8 @@ pub struct Header {
     pub output_form: OutputForm,
     /// Most vehicles it serves.
     pub max_vehicles: u16,
+    /// Most sub-channels of a cell that it serves.
+    pub max_sub_channels: SubChannels,
     /// Level at which a lone transmission succeeds.
     pub required_sinr: Level,
     /// How actions become power.
@@ -37,11 +39,11 @@ pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Result<Vec<u8
     let length = (HEADER_LEN + layers.len() + 4) as u32;
     let mut bytes = Vec::from(MAGIC);
     bytes.extend(VERSION.to_le_bytes());
-    bytes.extend([network.layers.len() as u8, SUB_CHANNELS as u8]);
+    bytes.extend([network.layers.len() as u8, header.max_sub_channels.count() as u8]);
     bytes.extend(length.to_le_bytes());
     bytes.extend(header.max_vehicles.to_le_bytes());
     bytes.extend(header.required_sinr.to_le_bytes());
-    bytes.extend(header.power_plan.max_power.to_bits().to_le_bytes());
+    bytes.extend([0; 2]);
     header
         .power_plan
         .joiner_levels

@@ -221,14 +221,23 @@ fn a_trained_run_is_evaluated_and_exported() {
         &[&["eval", "--run", run, "--vehicles", "4"], &small[..]].concat(),
     ));
     assert!(more.contains("vehicles: found 4, expected at most 3"), "{more}");
-    let power = ["--set", "radio.max_power_dbm=23"];
-    let power = refusal(trainer(
-        &[&["eval", "--run", run], &power[..], &small[..]].concat(),
-    ));
+    let elsewhere =
+        |setting: &str| trainer(&[&["eval", "--run", run, "--set", setting], &small[..]].concat());
+    let efficiency = refusal(elsewhere("radio.min_spectral_efficiency=2"));
     assert!(
-        power.contains("radio.max_power_dbm: found 23, expected 30 dBm as in training"),
-        "{power}"
+        efficiency.contains("radio.min_spectral_efficiency: found 2, expected a required SINR of 8.4")
+            && efficiency.ends_with("dB as in training"),
+        "{efficiency}"
     );
+    let sub_channels = refusal(elsewhere("radio.sub_channels=4"));
+    assert!(
+        sub_channels
+            .contains("radio.sub_channels: found 4, expected sub-channels that the table serves, at most 3"),
+        "{sub_channels}"
+    );
+    // Full power is broadcast, so that any will do.
+    let weaker = success(&elsewhere("radio.max_power_dbm=23"));
+    assert_eq!(weaker["policies"].as_array().unwrap().len(), 4);
 
     let model = folder.path().join("model.onnx");
     let _report = success(&trainer(&[

@@ -47,7 +47,7 @@ fn toy_options() -> Maddpg {
         batch: 64,
         first_share: 1.0,
         silence_bias: 0.0,
-        home_bias: 0.0,
+        full_power_bias: 0.0,
         actor_learning_rate: 5e-3,
         critic_learning_rate: 1e-2,
         entropy: 0.1,

@@ -1,7 +1,7 @@
 //! `trainer distil`: from a seed to a table.
 
-use crate::distil::Recipe;
 use crate::distil::table::{DistilledTable, distil_table};
+use crate::distil::{MAX_SUB_CHANNELS, Recipe};
 use crate::evaluate::compare;
 use crate::provenance::provenance;
 use crate::run_folder::RunFolder;
@@ -79,6 +79,11 @@ pub fn distil_table_visibly(
 pub fn run(arguments: &DistilArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
     let scenario = arguments.scenario.source().read()?;
+    let sub_channels = scenario.radio.sub_channels;
+    if sub_channels > MAX_SUB_CHANNELS {
+        let expected = format!("at most {MAX_SUB_CHANNELS}, which the table will serve");
+        return Err(Error::input("radio.sub_channels", sub_channels, expected));
+    }
     let most = MAX_LAYERS - 1;
     if arguments.hidden.len() > most {
         let found = format!("{} layers", arguments.hidden.len());

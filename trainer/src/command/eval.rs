@@ -1,6 +1,8 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
 use crate::evaluate::{Setting, exploring, float, quantised};
+use crate::forms::check_sub_channels;
+use crate::laboratory::actors::ActorForm;
 use crate::run_folder::{RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
@@ -54,7 +56,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     }
     let asked = std::mem::replace(&mut source.policies, vec![&central::KIND]);
     let mut experiment = source.read()?;
-    check_radio(&experiment, trained.setting)?;
+    check_radio(&experiment, trained.actors.form, trained.setting)?;
     if !asked.is_empty() {
         // The actor is the run's own, which comes anyway.
         let beside = |kind: &&_| asked.contains(kind) && **kind != actor::KIND;
@@ -85,15 +87,17 @@ fn take_scenario_of(
     Ok(())
 }
 
-/// Measured gains are relative to full power, and the joiner levels to the required SINR: actors live in the scenario that
-/// they were made for.
-fn check_radio(experiment: &Experiment, known: Setting) -> Result<()> {
+/// The joiner levels are relative to the required SINR: actors live in scenarios of the one that they were made for, and of as many
+/// sub-channels as they know.
+fn check_radio(experiment: &Experiment, form: ActorForm, known: Setting) -> Result<()> {
     let radio = &experiment.scenario.radio;
     let asked = Setting::of_scenario(&experiment.scenario);
-    if asked.power_plan.max_power != known.power_plan.max_power {
-        let expected = format!("{} dBm as in training", known.power_plan.max_power.value());
-        return Err(Error::input("radio.max_power_dbm", radio.max_power_dbm, expected));
-    }
+    check_sub_channels(
+        "radio.sub_channels",
+        &experiment.scenario,
+        form.observation,
+        form.output,
+    )?;
     if asked.required_sinr != known.required_sinr {
         let expected = format!(
             "a required SINR of {:.3} dB as in training",

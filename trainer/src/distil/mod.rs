@@ -17,7 +17,7 @@ use firmware::units::Level;
 use host_sim::decisions::Decisions;
 use host_sim::policy::power_plan;
 use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, Role, WorldKey};
+use host_sim::stream::{Purpose, Role, Stream, WorldKey};
 use rayon::prelude::*;
 
 /// How to distil. The defaults made the shipped table.
@@ -45,7 +45,7 @@ pub struct Recipe {
     pub learning_rate: f32,
     /// Fewest vehicles in a cell.
     pub min_vehicles: u32,
-    /// Most vehicles in a cell: what the table will serve.
+    /// Most vehicles in a cell.
     pub max_vehicles: u32,
 }
 
@@ -55,18 +55,25 @@ impl Default for Recipe {
             seed: 1,
             hidden: vec![32, 32],
             iterations: 20,
-            steps: 200,
+            steps: 300,
             batch: 4096,
             worlds: 32,
             slots: 50,
             kept: 10,
             hand_over: 5,
             learning_rate: 4e-3,
-            min_vehicles: 3,
-            max_vehicles: 72,
+            min_vehicles: 1,
+            max_vehicles: 300,
         }
     }
 }
+
+/// Most sub-channels of a cell that is watched: what the table will serve (chosen: two and a half times the paper's).
+pub const MAX_SUB_CHANNELS: u32 = 8;
+
+/// Most vehicles that a distilled table serves. What the network sees has no scale but the frame, so that more than it was trained with
+/// are no news to it; `tests/results.rs` tries as many.
+pub const SERVED_VEHICLES: u32 = 2000;
 
 /// What distilling gives.
 pub struct Distilled {
@@ -172,7 +179,32 @@ pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Rou
     }
 }
 
-/// Watches one cell of random size from random ages. In a share of slots the clock drives, in the others the learner.
+/// Makes one cell of the mixture: any load, number of sub-channels and link budget, with and without places, and what a street brings
+/// (shares are chosen).
+fn vary(scenario: &mut Scenario, recipe: &Recipe, stream: &mut Stream) {
+    let (least, most) = (f64::from(recipe.min_vehicles), f64::from(recipe.max_vehicles));
+    // Loads whose ratios are alike are equally frequent.
+    let vehicles = least * libm::pow((most + 1.0) / least, f64::from(stream.uniform()));
+    scenario.cell.vehicles = (vehicles as u32).clamp(recipe.min_vehicles, recipe.max_vehicles);
+    let mut either = |share: f64, value: f64, other: f64| if stream.chance(share) { value } else { other };
+    let radio = &mut scenario.radio;
+    radio.max_power_dbm = either(0.5, radio.max_power_dbm, 23.0);
+    radio.carrier_ghz = either(0.5, radio.carrier_ghz, 5.9);
+    let feedback = &mut scenario.feedback;
+    let lost = either(0.5, 0.3, 1.0);
+    feedback.place_loss = either(0.4, 0.0, lost);
+    feedback.acknowledgement_delay_slots = either(0.5, 0.0, 4.0) as u32;
+    feedback.acknowledgement_loss = either(0.5, 0.0, 0.05);
+    scenario.knowledge.gain_delay_slots = either(0.5, 0.0, 4.0) as u32;
+    scenario.knowledge.gain_error_db = either(0.5, 0.0, 2.0);
+    scenario.mobility.standing_share = either(0.5, 0.0, 0.3);
+    scenario.fading.follows_speed = either(0.5, 0.0, 1.0) > 0.0;
+    if stream.chance(0.5) {
+        scenario.radio.sub_channels = 1 + stream.below(MAX_SUB_CHANNELS);
+    }
+}
+
+/// Watches one cell of the mixture from random ages. In a share of slots the clock drives, in the others the learner.
 fn watch(
     scenario: &Scenario,
     recipe: &Recipe,
@@ -182,8 +214,7 @@ fn watch(
 ) -> Samples {
     let mut stream = key.stream(Role::Policy, 1);
     let mut scenario = scenario.clone();
-    scenario.cell.vehicles =
-        recipe.min_vehicles + stream.below(recipe.max_vehicles - recipe.min_vehicles + 1);
+    vary(&mut scenario, recipe, &mut stream);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
     let mut cell = random::worlds(&scenario, key.seed, key.world..key.world + 1);
     start_ages::for_every_load(&mut cell, &mut stream);
@@ -198,7 +229,7 @@ fn watch(
             let Some(measurement) = cell.measurement(0, vehicle) else {
                 continue;
             };
-            let observation = Observation::new(&measurement);
+            let observation = Observation::new(&measurement, cell.identity(0, vehicle));
             samples.inputs.push(observation.encode(required));
             samples.classes.push(clock::act(&observation, required) as u8);
             observed.push((vehicle, observation));
@@ -218,4 +249,53 @@ fn watch(
         cell.step(&decisions);
     }
     samples
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::distil::table::shipped_scenario;
+
+    #[test]
+    fn the_mixture_holds_every_kind_of_cell() {
+        let recipe = Recipe::default();
+        let shipped = shipped_scenario().unwrap();
+        let mut stream = random::initial(1, 0);
+        let cells: Vec<Scenario> = (0..2000)
+            .map(|_| {
+                let mut cell = shipped.clone();
+                vary(&mut cell, &recipe, &mut stream);
+                cell.check().unwrap();
+                cell
+            })
+            .collect();
+        let share = |holds: &dyn Fn(&Scenario) -> bool| {
+            cells.iter().filter(|cell| holds(cell)).count() as f64 / cells.len() as f64
+        };
+        for sub_channels in 1..=MAX_SUB_CHANNELS {
+            let expected = if sub_channels == 3 {
+                0.5 + 1.0 / 16.0
+            } else {
+                1.0 / 16.0
+            };
+            let found = share(&|cell| cell.radio.sub_channels == sub_channels);
+            assert!((found - expected).abs() < 0.04, "{sub_channels}: {found}");
+        }
+        // Half of the loads are below the square root of the largest.
+        let few = share(&|cell| cell.cell.vehicles < 17);
+        assert!((few - 0.5).abs() < 0.04, "{few}");
+        let ends = [recipe.min_vehicles, recipe.max_vehicles];
+        assert!(
+            cells
+                .iter()
+                .all(|cell| (ends[0]..=ends[1]).contains(&cell.cell.vehicles))
+        );
+        let places = [0.0, 0.3, 1.0].map(|loss| share(&|cell| cell.feedback.place_loss == loss));
+        assert!(
+            places.iter().all(|share| (share - 0.35).abs() < 0.1),
+            "{places:?}"
+        );
+        let late = share(&|cell| cell.knowledge.gain_delay_slots > 0 && cell.fading.follows_speed);
+        assert!((late - 0.25).abs() < 0.04, "{late}");
+    }
 }

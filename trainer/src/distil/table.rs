@@ -1,11 +1,12 @@
 //! A distilled network as a weight table: from a seed to bytes.
 
-use super::{Recipe, Round, distil};
+use super::{MAX_SUB_CHANNELS, Recipe, Round, SERVED_VEHICLES, distil};
 use crate::export::{Header, table_bytes};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::quantise::quantise;
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::table::Provenance;
+use firmware::units::SubChannels;
 use host_sim::policy::power_plan;
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::weight_table::WeightTable;
@@ -41,16 +42,17 @@ pub fn distil_table(
 ) -> Result<DistilledTable> {
     let distilled = distil(scenario, recipe, progress);
     let form = ActorForm {
-        observation: ObservationForm::HomeFirst,
+        observation: ObservationForm::Ring,
         output: OutputForm::Actions,
         noise: 0.0,
         min_vehicles: recipe.min_vehicles,
-        max_vehicles: recipe.max_vehicles,
+        max_vehicles: SERVED_VEHICLES,
     };
     let header = Header {
         observation_form: form.observation,
         output_form: form.output,
-        max_vehicles: recipe.max_vehicles as u16,
+        max_vehicles: SERVED_VEHICLES as u16,
+        max_sub_channels: SubChannels::new(MAX_SUB_CHANNELS as usize).unwrap_or(SubChannels::ONE),
         required_sinr: scenario.radio.required_level(),
         power_plan: power_plan(scenario),
         provenance,

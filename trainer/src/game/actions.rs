@@ -3,7 +3,7 @@
 use crate::network::categorical::{draw, largest};
 use firmware::decision::ACTIONS;
 use firmware::form::OutputForm;
-use firmware::units::SUB_CHANNELS;
+use firmware::observation::PAPER_SUB_CHANNELS;
 use host_sim::stream::Stream;
 
 /// The actions of an agent. Critics see one as a vector, one-hot where it is a choice; games take a choice as its index.
@@ -11,9 +11,9 @@ use host_sim::stream::Stream;
 pub enum ActionSpace {
     /// The paper's two continuous values: sub-channel and power.
     Continuous,
-    /// So many actions, all on the vehicle's home sub-channel: those of the firmware, or of a toy.
-    Home(usize),
-    /// Silence, full power on each sub-channel, the lowest joiner level on each; home first.
+    /// A choice of so many: the firmware's actions, or a toy's.
+    Choices(usize),
+    /// Silence, full power on each sub-channel, the lowest joiner level on each; first the one that the vehicle sees first.
     SubChannels,
 }
 
@@ -25,7 +25,7 @@ impl From<OutputForm> for ActionSpace {
     fn from(form: OutputForm) -> Self {
         match form {
             OutputForm::SubChannelAndPower => Self::Continuous,
-            OutputForm::Actions => Self::Home(ACTIONS),
+            OutputForm::Actions => Self::Choices(ACTIONS),
             OutputForm::SubChannels | OutputForm::SendingSubChannels => Self::SubChannels,
         }
     }
@@ -51,7 +51,7 @@ impl ActionSpace {
     pub const fn values(self) -> usize {
         match self {
             Self::Continuous => 2,
-            Self::Home(_) | Self::SubChannels => 1,
+            Self::Choices(_) | Self::SubChannels => 1,
         }
     }
 
@@ -59,8 +59,8 @@ impl ActionSpace {
     pub const fn length(self) -> usize {
         match self {
             Self::Continuous => 2,
-            Self::Home(count) => count,
-            Self::SubChannels => 1 + 2 * SUB_CHANNELS,
+            Self::Choices(count) => count,
+            Self::SubChannels => 1 + 2 * PAPER_SUB_CHANNELS,
         }
     }
 
@@ -69,11 +69,11 @@ impl ActionSpace {
         self != Self::Continuous
     }
 
-    /// On how many sub-channels, from home on, an action can make a difference.
+    /// On how many sub-channels, from that on, an action can make a difference.
     pub const fn places(self) -> usize {
         match self {
-            Self::SubChannels => SUB_CHANNELS,
-            Self::Continuous | Self::Home(_) => 1,
+            Self::SubChannels => PAPER_SUB_CHANNELS,
+            Self::Continuous | Self::Choices(_) => 1,
         }
     }
 
@@ -82,17 +82,19 @@ impl ActionSpace {
         match self {
             Self::SubChannels => KINDS,
             Self::Continuous => 2,
-            Self::Home(count) => count,
+            Self::Choices(count) => count,
         }
     }
 
     /// What an action means in a place.
     pub const fn kind(self, action: usize, place: usize) -> usize {
         match self {
-            Self::Continuous | Self::Home(_) => action,
+            Self::Continuous | Self::Choices(_) => action,
             Self::SubChannels => match action {
                 0 => 0,
-                sending if (sending - 1) % SUB_CHANNELS == place => 1 + (sending - 1) / SUB_CHANNELS,
+                sending if (sending - 1) % PAPER_SUB_CHANNELS == place => {
+                    1 + (sending - 1) / PAPER_SUB_CHANNELS
+                }
                 _ => ELSEWHERE,
             },
         }

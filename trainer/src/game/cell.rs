@@ -5,7 +5,6 @@ use super::{Game, Shape, Tally};
 use crate::forms;
 use firmware::decision::{Decision, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::measurement::Measurement;
 use firmware::observation::Observation;
 use firmware::units::{Age, Level};
 use host_sim::decisions::Decisions;
@@ -46,9 +45,7 @@ impl Rules for Unpaid {
 /// What a vehicle senses before a slot.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensed {
-    /// In the units of its modem.
-    pub measurement: Measurement,
-    /// The same from its home sub-channel on.
+    /// As its unit sees it.
     pub observation: Observation,
 }
 
@@ -111,8 +108,7 @@ impl<'s, R: Rules> Cell<'s, R> {
                 let present = vehicle < self.environment.vehicles();
                 let measurement = present.then(|| self.environment.measurement(world, vehicle))??;
                 Some(Sensed {
-                    observation: Observation::new(&measurement),
-                    measurement,
+                    observation: Observation::new(&measurement, self.environment.identity(world, vehicle)),
                 })
             }));
         }
@@ -155,7 +151,7 @@ impl<R: Rules> Game for Cell<'_, R> {
         for (row, sensed) in known.chunks_exact_mut(width).zip(&self.sensed) {
             if let Some(sensed) = sensed {
                 let observed = &mut row[..observed];
-                forms::observe(self.observation, &sensed.measurement, self.required, observed);
+                forms::observe(self.observation, &sensed.observation, self.required, observed);
             }
         }
         let worlds = known
@@ -188,7 +184,7 @@ impl<R: Rules> Game for Cell<'_, R> {
             let outcomes = self.outcomes(world, sent);
             self.rules.pay(&outcomes, rewards);
             for (outcome, &reward) in outcomes.iter().flatten().zip(rewards.iter()) {
-                tally.age += f64::from(outcome.age.slots());
+                tally.age += f64::from(outcome.age.min(Age::TIME_CONSTRAINT).slots());
                 tally.received += f64::from(u8::from(outcome.received));
                 tally.reward += f64::from(reward);
                 tally.agent_slots += 1.0;
@@ -196,12 +192,6 @@ impl<R: Rules> Game for Cell<'_, R> {
             tally.world_slots += 1.0;
         }
         self.sense();
-    }
-
-    fn groups(&self, groups: &mut [u8]) {
-        for (group, sensed) in groups.iter_mut().zip(&self.sensed) {
-            *group = sensed.map_or(0, |sensed| sensed.observation.home().index() as u8);
-        }
     }
 
     fn parts(&self, parts: &mut [f32]) {

@@ -39,11 +39,6 @@ pub trait Game {
     /// adds to the tally.
     fn step(&mut self, actions: &[f32], rewards: &mut [f32], tally: &mut Tally);
 
-    /// Writes which group every agent belongs to, `[world][agent]`: its home sub-channel in the cell.
-    fn groups(&self, groups: &mut [u8]) {
-        groups.fill(0);
-    }
-
     /// Writes of how many agents' costs every agent's next reward is a mean, `[world][agent]`; in many games of its own alone.
     fn parts(&self, parts: &mut [f32]) {
         parts.fill(1.0);

@@ -119,7 +119,7 @@ impl Game for Turns {
             agents: AGENTS,
             known: OBSERVED,
             observed: OBSERVED,
-            actions: ActionSpace::Home(2),
+            actions: ActionSpace::Choices(2),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::network::Network;
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::units::{Period, SUB_CHANNELS};
+use firmware::ring::MAX_PLACES;
 use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -86,8 +86,8 @@ pub struct Actors {
     pub networks: Vec<Network>,
 }
 
-/// Most vehicles of a cell with groups: three of 100.
-const MOST_VEHICLES: u32 = (SUB_CHANNELS * Period::MAX as usize) as u32;
+/// Most vehicles of a cell: the places of a ring.
+const MOST_VEHICLES: u32 = MAX_PLACES as u32;
 
 impl Actors {
     /// The network of a vehicle; with one network, everybody's.

@@ -26,15 +26,12 @@ impl<'a> Question<'a> {
     }
 }
 
-/// One value for each sub-channel, or one for the cell, of joint observations and actions.
+/// The value of a cell, of joint observations and actions.
 pub trait Critic: Send + Sync {
-    /// How many values it gives for a sample; their mean is the value of the cell.
-    fn heads(&self) -> usize;
-
     /// Random parameters.
     fn initial(&self, stream: &mut Stream) -> Vec<f32>;
 
-    /// Values of actions as `[sample][head]`.
+    /// Values of actions as `[sample]`.
     fn forward(&self, asked: &Question<'_>, pass: &mut CriticPass) -> Vec<f32>;
 
     /// Writes the parameters' gradient from slopes along the values of the last forward run.
@@ -56,6 +53,4 @@ pub struct CriticPass {
     pub alternatives: Pass,
     /// And their values.
     pub alternative_judge: Pass,
-    /// Which sum each column of `describe` belongs to.
-    pub heads: Vec<u32>,
 }

@@ -88,10 +88,6 @@ impl FlatCritic {
 }
 
 impl Critic for FlatCritic {
-    fn heads(&self) -> usize {
-        1
-    }
-
     fn initial(&self, stream: &mut Stream) -> Vec<f32> {
         self.network.initial(stream)
     }

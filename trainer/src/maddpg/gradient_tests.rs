@@ -100,7 +100,6 @@ fn perceptrons() {
 /// A batch in which not all vehicles take part.
 struct Sample {
     observations: Vec<f32>,
-    homes: Vec<u8>,
     present: Vec<u8>,
 }
 
@@ -114,7 +113,6 @@ impl Sample {
         let rows = present.len() * VEHICLES;
         Self {
             observations: numbers(stream, rows * KNOWN),
-            homes: (0..rows).map(|_| stream.below(3) as u8).collect(),
             present,
         }
     }
@@ -125,7 +123,6 @@ impl Sample {
             observations: &self.observations,
             width: KNOWN,
             observed: OBSERVED,
-            homes: &self.homes,
             present: &self.present,
         }
     }
@@ -141,10 +138,14 @@ fn critics() -> Vec<(&'static str, ActionSpace, Box<dyn Critic>)> {
             ActionSpace::Continuous,
             flat(ActionSpace::Continuous),
         ),
-        ("flat, choice", ActionSpace::Home(6), flat(ActionSpace::Home(6))),
+        (
+            "flat, choice",
+            ActionSpace::Choices(6),
+            flat(ActionSpace::Choices(6)),
+        ),
         (
             "set",
-            ActionSpace::Home(6),
+            ActionSpace::Choices(6),
             Box::new(SetCritic::new(6, KNOWN, 11, 6, &[10, 7])),
         ),
     ]
@@ -158,7 +159,7 @@ fn global_critics_and_their_losses() {
         let view = sample.view();
         let parameters = critic.initial(&mut stream);
         let actions = numbers(&mut stream, sample.present.len() * VEHICLES * set.length());
-        let targets = numbers(&mut stream, sample.present.len() * critic.heads());
+        let targets = numbers(&mut stream, sample.present.len());
         for loss in [Loss::Squared, Loss::Huber] {
             let value = |parameters: &[f32], pass: &mut CriticPass| {
                 let values = critic.forward(&Question::new(parameters, view, &actions), pass);
@@ -192,7 +193,7 @@ fn global_critics_along_actions() {
         let slopes = critic.gains(&asked, &mut CriticPass::default());
         check(name, &actions, &slopes, |at| {
             let values = critic.forward(&Question::new(&parameters, view, at), &mut CriticPass::default());
-            values.iter().map(|&value| f64::from(value)).sum::<f64>() / critic.heads() as f64
+            values.iter().map(|&value| f64::from(value)).sum::<f64>()
         });
     }
 }
@@ -216,9 +217,7 @@ fn alternatives_are_values_of_changed_actions() {
         let worth = |chosen: &[usize], sample: usize| -> f32 {
             let actions = vectors(chosen);
             let asked = Question::new(&parameters, view, &actions);
-            let values = critic.forward(&asked, &mut CriticPass::default());
-            let values = &values[sample * critic.heads()..][..critic.heads()];
-            values.iter().sum::<f32>() / values.len() as f32
+            critic.forward(&asked, &mut CriticPass::default())[sample]
         };
         let actions = vectors(&chosen);
         let asked = Question::new(&parameters, view, &actions);

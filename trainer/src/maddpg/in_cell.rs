@@ -4,6 +4,7 @@ use super::learner::MaddpgLearner;
 use super::options::{AgeScale, Maddpg};
 #[cfg(test)]
 use crate::configuration::{Algorithm, Configuration, Preset};
+use crate::forms;
 use crate::game::actions::ActionSpace;
 use crate::game::cell::{Cell, Outcome, Rules, Sensed};
 use crate::game::{Shape, start_ages};
@@ -49,9 +50,8 @@ impl Rules for OwnAge {
     fn know<'r>(&self, world: &[Option<Sensed>], extras: impl Iterator<Item = &'r mut [f32]>) {
         for (sensed, extra) in world.iter().zip(extras) {
             if let Some(sensed) = sensed {
-                let age = f32::from(sensed.observation.age().slots());
-                extra[0] = age / f32::from(Age::MAX.slots());
-                extra[1] = age.min(YOUNG) / YOUNG;
+                extra[0] = forms::age_in_its_largest(&sensed.observation);
+                extra[1] = f32::from(sensed.observation.age().slots()).min(YOUNG) / YOUNG;
             }
         }
     }
@@ -59,7 +59,7 @@ impl Rules for OwnAge {
     fn pay(&self, world: &[Option<Outcome>], rewards: &mut [f32]) {
         for (outcome, reward) in world.iter().zip(rewards) {
             if let Some(outcome) = outcome {
-                let age = f32::from(outcome.age.slots()).min(self.cap);
+                let age = f32::from(outcome.age.min(Age::TIME_CONSTRAINT).slots()).min(self.cap);
                 *reward = -age / self.scale + if outcome.received { self.success } else { 0.0 };
             }
         }

@@ -181,7 +181,7 @@ impl MaddpgLearner {
         let mut stream = random::episode(self.seed, self.counters.done, LEARNING);
         self.losses = Losses::default();
         let mut played = Tally::default();
-        game.groups(self.replay.begin(present));
+        self.replay.begin(present);
         self.know(game);
         for _ in 0..self.extent.slots {
             let actions = self.explore(present, &mut stream);
@@ -309,7 +309,7 @@ impl MaddpgLearner {
     }
 }
 
-/// Scales the last layer down and biases it towards silence and home: an actor that always sends learns nothing.
+/// Scales the last layer down and biases it towards silence and full power: an actor that always sends learns nothing.
 fn begin_actors(actors: &mut Group, options: &Maddpg, space: ActionSpace) {
     let network = &actors.network;
     let last = network.layers() - 1;
@@ -324,8 +324,8 @@ fn begin_actors(actors: &mut Group, options: &Maddpg, space: ActionSpace) {
             biases[0] = options.silence_bias;
             for (action, bias) in biases.iter_mut().enumerate().skip(1) {
                 *bias = match (space, action) {
-                    (_, 1) => options.home_bias,
-                    (ActionSpace::SubChannels, 4) | (ActionSpace::Home(_), _) => options.joiner_bias,
+                    (_, 1) => options.full_power_bias,
+                    (ActionSpace::SubChannels, 4) | (ActionSpace::Choices(_), _) => options.joiner_bias,
                     _ => 0.0,
                 };
             }

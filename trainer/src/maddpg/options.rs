@@ -31,9 +31,9 @@ keys! {
         /// What an actor sees.
         #[key(
             choices = [
-                ("paper", "Gains, interference in the slot before, and age."),
-                ("firmware", "The firmware's encoding, home sub-channel first."),
-                ("age-one-hot", "The age as one-hot without any phase, for research."),
+                ("paper", "Gains, interference in the slot before, and age, on 3 sub-channels."),
+                ("firmware", "The firmware's encoding: how the ring's turn stands to the vehicle, on any number of sub-channels."),
+                ("age-one-hot", "The age as one-hot without any phase, on 3 sub-channels, for research."),
             ],
             source = "the paper's state"
         )]
@@ -41,9 +41,9 @@ keys! {
         /// What an actor does.
         #[key(
             choices = [
-                ("sub-channel-and-power", "Sub-channel and power, both continuous, through tanh, as in the paper."),
-                ("actions", "The firmware's actions, on the home sub-channel."),
-                ("sub-channels", "A choice among silence, full and low power on each sub-channel, for research."),
+                ("sub-channel-and-power", "One of 3 sub-channels and power, both continuous, through tanh, as in the paper."),
+                ("actions", "The firmware's actions: where the vehicle's place is, or where places are open."),
+                ("sub-channels", "A choice among silence, full and low power on each of 3 sub-channels, for research."),
             ],
             source = "the paper's action"
         )]
@@ -164,10 +164,10 @@ keys! {
         /// First bias of silence, for choices.
         #[key(range = -100.0..=100.0, source = "chosen")]
         pub silence_bias: f32,
-        /// First bias of full power on the home sub-channel, for choices.
+        /// First bias of full power, for choices; of sub-channels on the one that the vehicle sees first.
         #[key(range = -100.0..=100.0, source = "chosen")]
-        pub home_bias: f32,
-        /// First bias of the actions of joiners, for choices.
+        pub full_power_bias: f32,
+        /// First bias of contending at each of the joiner levels, for choices.
         #[key(range = -100.0..=100.0, source = "chosen")]
         pub joiner_bias: f32,
     }
@@ -194,7 +194,7 @@ choices! {
     pub enum CriticForm {
         /// All observations and actions side by side, as in the paper.
         Flat = "flat",
-        /// A sum over the vehicles of each sub-channel.
+        /// A sum over the cell's vehicles.
         Set = "set",
     }
 
@@ -267,7 +267,7 @@ impl Maddpg {
         let vehicles = scenario.cell.vehicles;
         if vehicles > 255 {
             return Err(Error::input(
-                "cell.vehicles",
+                "scenario.cell.vehicles",
                 vehicles,
                 "at most 255 to learn with",
             ));
@@ -305,7 +305,7 @@ impl Maddpg {
             ("entropy", self.entropy),
             ("last_entropy", self.last_entropy),
             ("silence_bias", self.silence_bias),
-            ("home_bias", self.home_bias),
+            ("full_power_bias", self.full_power_bias),
             ("joiner_bias", self.joiner_bias),
         ] {
             if !choice && value != 0.0 {

@@ -25,15 +25,14 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// Shapes of what is known, actions, rewards, homes and present vehicles.
-    fn shapes(&self) -> [Vec<usize>; 5] {
+    /// Shapes of what is known, actions, rewards and present vehicles.
+    fn shapes(&self) -> [Vec<usize>; 4] {
         let (episodes, slots) = (self.episodes, self.slots);
         let rows = [self.worlds, self.vehicles];
         [
             [&[episodes, slots + 1], &rows[..], &[self.known]].concat(),
             [&[episodes, slots], &rows[..], &[self.action]].concat(),
             [&[episodes, slots], &rows[..]].concat(),
-            [&[episodes], &rows[..]].concat(),
             vec![episodes],
         ]
     }
@@ -49,8 +48,6 @@ pub struct Replay {
     actions: Vec<f32>,
     /// `[episode][slot][world][vehicle]`.
     rewards: Vec<f32>,
-    /// `[episode][world][vehicle]`.
-    homes: Vec<u8>,
     /// `[episode]`: how many vehicles took part.
     present: Vec<u8>,
     /// Episodes begun so far.
@@ -70,8 +67,6 @@ pub struct Batch {
     pub actions: Vec<f32>,
     /// `[sample][vehicle]`: rewards of n slots, discounted.
     pub rewards: Vec<f32>,
-    /// `[sample][vehicle]`.
-    pub homes: Vec<u8>,
     /// `[sample]`.
     pub present: Vec<u8>,
 }
@@ -79,13 +74,11 @@ pub struct Batch {
 impl Replay {
     /// An empty one.
     pub fn new(extent: Extent) -> Self {
-        let [known, actions, rewards, homes, present] =
-            extent.shapes().map(|shape| shape.iter().product::<usize>());
+        let [known, actions, rewards, present] = extent.shapes().map(|shape| shape.iter().product::<usize>());
         Self {
             known: vec![0.0; known],
             actions: vec![0.0; actions],
             rewards: vec![0.0; rewards],
-            homes: vec![0; homes],
             present: vec![0; present],
             begun: 0,
             filled: 0,
@@ -98,14 +91,12 @@ impl Replay {
         self.starts(n).0
     }
 
-    /// Begins an episode, in the place of the oldest. Gives the room for homes, `[world][vehicle]`.
-    pub fn begin(&mut self, present: usize) -> &mut [u8] {
+    /// Begins an episode with so many vehicles, in the place of the oldest.
+    pub fn begin(&mut self, present: usize) {
         self.begun += 1;
         self.filled = 0;
         let episode = self.newest();
         self.present[episode] = present as u8;
-        let rows = self.rows();
-        &mut self.homes[episode * rows..][..rows]
     }
 
     /// Room for what is known at the beginning of the slot after those done, `[world][vehicle][known]`.
@@ -141,7 +132,6 @@ impl Replay {
         batch.later.clear();
         batch.actions.clear();
         batch.rewards.clear();
-        batch.homes.clear();
         batch.present.clear();
         let rows = extent.vehicles;
         for _ in 0..count {
@@ -175,19 +165,16 @@ impl Replay {
                 }
                 factor *= discount;
             }
-            let homes = (episode * extent.worlds + world) * rows;
-            batch.homes.extend_from_slice(&self.homes[homes..][..rows]);
             batch.present.push(self.present[episode]);
         }
     }
 
     /// Writes everything into a state.
     pub fn save(&self, state: &mut State) -> (u64, usize) {
-        let [known, actions, rewards, homes, present] = self.extent.shapes();
+        let [known, actions, rewards, present] = self.extent.shapes();
         state.put("replay.known", &known, self.known.clone());
         state.put("replay.actions", &actions, self.actions.clone());
         state.put("replay.rewards", &rewards, self.rewards.clone());
-        state.put("replay.homes", &homes, self.homes.clone());
         state.put("replay.present", &present, self.present.clone());
         (self.begun, self.filled)
     }
@@ -197,11 +184,10 @@ impl Replay {
     /// # Errors
     /// The tensor that is missing or has another shape.
     pub fn load(&mut self, state: &mut State, (begun, filled): (u64, usize)) -> Result<()> {
-        let [known, actions, rewards, homes, present] = self.extent.shapes();
+        let [known, actions, rewards, present] = self.extent.shapes();
         self.known = state.take_f32("replay.known", &known)?;
         self.actions = state.take_f32("replay.actions", &actions)?;
         self.rewards = state.take_f32("replay.rewards", &rewards)?;
-        self.homes = state.take_u8("replay.homes", &homes)?;
         self.present = state.take_u8("replay.present", &present)?;
         (self.begun, self.filled) = (begun, filled.min(self.extent.slots));
         Ok(())
@@ -233,7 +219,6 @@ impl Batch {
             observations: known,
             width: extent.known,
             observed: extent.observed,
-            homes: &self.homes,
             present: &self.present,
         }
     }
@@ -260,7 +245,7 @@ mod tests {
     }
 
     fn play(replay: &mut Replay, episode: usize, slots: usize) {
-        replay.begin(2).fill(episode as u8 % 3);
+        replay.begin(2);
         for slot in 0..=slots {
             let known = replay.known();
             known
@@ -299,7 +284,6 @@ mod tests {
                 known + 0.5 * (known + 10.0) + 0.25 * (known + 20.0)
             );
             assert_eq!(batch.actions[2 * sample], (known as u32 / 10 % 10) as f32);
-            assert_eq!(u32::from(batch.homes[2 * sample]), known as u32 / 100 % 3);
         }
         let starts = |episode: u32, slots: u32| {
             (0..slots).flat_map(move |slot| [0, 1].map(|w| 100 * episode + 10 * slot + w))

@@ -8,7 +8,6 @@ use super::group::Role;
 use super::learner::MaddpgLearner;
 use super::options::GlobalWeight;
 use super::replay::Batch;
-use super::set_critic::HEADS;
 use super::view::View;
 use crate::network::categorical::{
     draw, entropy, entropy_slope, expectation, expectation_slopes, one_hot, probabilities,
@@ -115,9 +114,8 @@ impl MaddpgLearner {
         (0..self.options.n_step).fold(1.0, |factor, _| factor * self.options.discount)
     }
 
-    /// `y_g = r_g + gamma min(Q'_1, Q'_2)` by head: of the cell, or of each sub-channel's vehicles.
+    /// `y_g = r_g + gamma min(Q'_1, Q'_2)`.
     fn improve_global(&mut self, batch: &Batch, later: &[f32]) {
-        let heads = self.critic.heads();
         let (actions, step) = (self.action_vectors(batch), self.critic_step());
         let (critic, discount, options) = (self.critic.as_ref(), self.discount(), &self.options);
         let gradients = &self.gradients;
@@ -132,7 +130,7 @@ impl MaddpgLearner {
             || critic.forward(&later[0], first),
             || critic.forward(&later[1], second),
         );
-        let mut targets = global_rewards(&now, &batch.rewards, heads);
+        let mut targets = global_rewards(&now, &batch.rewards);
         for (target, (a, b)) in targets.iter_mut().zip(first_value.iter().zip(&second_value)) {
             *target += discount * a.min(*b);
         }
@@ -219,7 +217,6 @@ impl MaddpgLearner {
             width: self.extent.observed,
         };
         let view = View {
-            homes: &batch.homes[..rows],
             present: &batch.present[..samples],
             ..batch.view(&self.extent, known.values)
         };
@@ -309,19 +306,13 @@ impl MaddpgLearner {
     }
 }
 
-/// Mean own reward of the vehicles of the cell, or for each sub-channel of its vehicles, counted so that the mean over
-/// sub-channels is the same.
-fn global_rewards(view: &View<'_>, rewards: &[f32], heads: usize) -> Vec<f32> {
-    let mut sums = vec![0.0; view.samples() * heads];
+/// Mean own reward of the vehicles of the cell, `[sample]`.
+fn global_rewards(view: &View<'_>, rewards: &[f32]) -> Vec<f32> {
+    let mut sums = vec![0.0; view.samples()];
     for (row, &reward) in rewards.iter().enumerate() {
         let (sample, vehicle) = (row / view.vehicles, row % view.vehicles);
         if view.takes_part(sample, vehicle) {
-            let head = if heads == HEADS {
-                usize::from(view.homes[row])
-            } else {
-                0
-            };
-            sums[sample * heads + head] += reward * heads as f32 / f32::from(view.present[sample]);
+            sums[sample] += reward / f32::from(view.present[sample]);
         }
     }
     sums

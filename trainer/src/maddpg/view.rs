@@ -11,8 +11,6 @@ pub struct View<'a> {
     pub width: usize,
     /// How many of them, from the first on, the vehicle itself observes.
     pub observed: usize,
-    /// `[sample][vehicle]`: index of the vehicle's home sub-channel.
-    pub homes: &'a [u8],
     /// `[sample]`: vehicles from this one on are absent.
     pub present: &'a [u8],
 }

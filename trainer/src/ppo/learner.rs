@@ -1,7 +1,7 @@
 //! The learner between two episodes, and what an episode does.
 
 use super::Recipe;
-use super::central::GROUP_COUNTS;
+use super::central::CELL_COUNTS;
 use super::rollout::{Experience, play};
 use super::rules::Costs;
 use super::update::{ActorCritic, Losses, Part};
@@ -35,7 +35,7 @@ enum Use {
 const PLAY: u32 = 1;
 
 /// What the actor sees, and what it does.
-const OBSERVATION: ObservationForm = ObservationForm::HomeFirst;
+const OBSERVATION: ObservationForm = ObservationForm::Ring;
 const OUTPUT: OutputForm = OutputForm::Actions;
 
 /// Proximal policy optimisation at work in the cell.
@@ -67,7 +67,7 @@ impl PpoLearner {
         } else {
             first_actor(&recipe)?
         };
-        let critic_widths = [&[INPUTS + GROUP_COUNTS], &recipe.critic_hidden[..], &[1]].concat();
+        let critic_widths = [&[INPUTS + CELL_COUNTS], &recipe.critic_hidden[..], &[1]].concat();
         let critic = Network::random(
             &critic_widths,
             &mut random::initial(seed, Use::FirstCritic as u32),
@@ -108,7 +108,6 @@ impl PpoLearner {
         let worlds = *first..*first + u64::from(self.recipe.worlds);
         let mut environment = random::worlds(scenario, self.seed, worlds);
         start_ages::for_every_load(&mut environment, stream);
-        // The recipe's check leaves no group so large that a vehicle hears nothing.
         let cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, self.recipe.costs());
         (cell, stream)
     }

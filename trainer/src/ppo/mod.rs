@@ -1,9 +1,9 @@
 //! Learning from the cell alone, on policy: proximal policy optimisation (Schulman et al. 2017) of one actor that all
-//! vehicles share, with a critic that sees the whole group (Yu et al., "The surprising effectiveness of PPO in cooperative
+//! vehicles share, with a critic that sees the whole cell (Yu et al., "The surprising effectiveness of PPO in cooperative
 //! multi-agent games", NeurIPS 2022).
 //!
-//! Nothing is imitated. The actor's input is the firmware's encoding, which already says whether the age is a multiple of the
-//! broadcast period; what to do with it is learned. Every sum has a fixed order, so that a seed gives the same network to
+//! Nothing is imitated. The actor's input is the firmware's encoding, which already says when the vehicle's place comes round and
+//! whether it is called; what to do with it is learned. Every sum has a fixed order, so that a seed gives the same network to
 //! the last bit on any machine and any number of threads.
 
 pub mod advantage;

@@ -59,15 +59,15 @@ keys! {
         /// Lambda of generalised advantage estimation.
         #[key(range = 0.0..=1.0, source = "chosen")]
         pub trace: f32,
-        /// Weight of each other group member's cost beside the own one in a reward.
+        /// Weight of each other vehicle's cost beside the own one in a reward.
         #[key(range = 0.0..=1.0, source = "chosen")]
         pub team: f32,
-        /// Largest cost of a slot, which costs the age in periods.
-        #[key(range = 1.0..=100.0, unit = "periods", source = "chosen")]
-        pub most_periods: f32,
+        /// Largest cost of a slot, which costs the age in frames: rounds of the ring.
+        #[key(range = 1.0..=100.0, unit = "frames", source = "chosen")]
+        pub most_frames: f32,
         /// Cost of a transmission in the same unit: where everybody sends and nobody is heard, only this
         /// tells anybody to stop.
-        #[key(range = 0.0..=100.0, unit = "periods", source = "chosen")]
+        #[key(range = 0.0..=100.0, unit = "frames", source = "chosen")]
         pub transmission: f32,
         /// How far a probability ratio may leave 1.
         #[key(range = 1e-3..=1.0, source = "chosen")]
@@ -149,7 +149,7 @@ impl Recipe {
     pub(super) const fn costs(&self) -> Costs {
         Costs {
             team: self.team,
-            most_periods: self.most_periods,
+            most_frames: self.most_frames,
             transmission: self.transmission,
             scale: 1.0 - self.discount,
         }

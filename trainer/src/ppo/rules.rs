@@ -1,17 +1,15 @@
-//! What a slot of the cell costs the vehicles of a group, and what the critic knows of the group.
+//! What a slot of the cell costs its vehicles, and what the critic knows of them.
 
-use super::central::{GROUP_COUNTS, GroupCounts};
+use super::central::{CELL_COUNTS, CellCounts, frames};
 use crate::game::cell::{Outcome, Rules, Sensed};
-use firmware::observation::Observation;
-use firmware::units::SUB_CHANNELS;
 
 /// What a vehicle's reward is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Costs {
-    /// Weight of each other group member's cost next to the own.
+    /// Weight of each other vehicle's cost next to the own.
     pub team: f32,
-    /// Cost of a slot: the age in periods, at most this.
-    pub most_periods: f32,
+    /// Cost of a slot: the age in frames, at most this.
+    pub most_frames: f32,
     /// Cost of a transmission. Where everybody sends and nobody is heard, only this tells anybody to stop.
     pub transmission: f32,
     /// Rewards are multiplied by this; 1 less the discount makes a value a mean cost.
@@ -19,15 +17,15 @@ pub struct Costs {
 }
 
 impl Costs {
-    /// Of how many members' costs the reward of one of so many is a mean.
-    fn weight(&self, members: f32) -> f32 {
-        1.0 + self.team * (members - 1.0)
+    /// Of how many vehicles' costs the reward of one of so many is a mean.
+    fn weight(&self, vehicles: f32) -> f32 {
+        1.0 + self.team * (vehicles - 1.0)
     }
 }
 
 impl Rules for Costs {
     fn extra(&self) -> usize {
-        GROUP_COUNTS
+        CELL_COUNTS
     }
 
     fn know<'r>(&self, world: &[Option<Sensed>], extras: impl Iterator<Item = &'r mut [f32]>) {
@@ -36,7 +34,7 @@ impl Rules for Costs {
                 .iter()
                 .map(|sensed| sensed.as_ref().map(|sensed| &sensed.observation))
         };
-        let counts = GroupCounts::new(observations().flatten());
+        let counts = CellCounts::new(observations().flatten());
         for (observation, extra) in observations().zip(extras) {
             if let Some(observation) = observation {
                 counts.write(observation, extra);
@@ -45,33 +43,21 @@ impl Rules for Costs {
     }
 
     fn pay(&self, world: &[Option<Outcome>], rewards: &mut [f32]) {
-        let cost = |outcome: &Outcome| {
-            let periods = f32::from(outcome.age.slots()) / f32::from(outcome.observation.period().slots());
-            periods.min(self.most_periods)
-        };
-        let mut groups = [(0.0_f32, 0.0_f32); SUB_CHANNELS];
-        for outcome in world.iter().flatten() {
-            let (members, sum) = &mut groups[outcome.observation.home().index()];
-            *members += 1.0;
-            *sum += cost(outcome);
-        }
+        let cost = |outcome: &Outcome| frames(outcome.age, &outcome.observation).min(self.most_frames);
+        let vehicles = world.iter().flatten().count() as f32;
+        let sum: f32 = world.iter().flatten().map(cost).sum();
         for (outcome, reward) in world.iter().zip(rewards) {
             let Some(outcome) = outcome else { continue };
             let sent = if outcome.sent { self.transmission } else { 0.0 };
-            let (members, sum) = groups[outcome.observation.home().index()];
             let own = cost(outcome);
-            *reward = -(own + sent + self.team * (sum - own)) / self.weight(members) * self.scale;
+            *reward = -(own + sent + self.team * (sum - own)) / self.weight(vehicles) * self.scale;
         }
     }
 
     fn parts(&self, world: &[Option<Sensed>], parts: &mut [f32]) {
-        let home = |observation: &Observation| observation.home().index();
-        let mut members = [0.0_f32; SUB_CHANNELS];
-        for sensed in world.iter().flatten() {
-            members[home(&sensed.observation)] += 1.0;
-        }
+        let vehicles = world.iter().flatten().count() as f32;
         for (sensed, part) in world.iter().zip(parts) {
-            *part = sensed.map_or(1.0, |sensed| self.weight(members[home(&sensed.observation)]));
+            *part = sensed.map_or(1.0, |_| self.weight(vehicles));
         }
     }
 }
