@@ -1,6 +1,6 @@
 """Age-of-information scheduling for connected vehicles, from training to microcontroller.
 
-Vehicles share three radio sub-channels to one base station. In every slot of 1 ms each decides, from what it alone can
+Vehicles share a few radio sub-channels to one base station. In every slot of 1 ms each decides, from what it alone can
 sense, whether and how loudly to send, so that what the base station knows stays fresh.
 
 * `BatchEnvironment`: many worlds at once, numpy arrays that are not copied.
@@ -18,7 +18,7 @@ Everything is computed by the simulator, trainer and firmware library that the c
 from ._native import Assignment, Evaluation, Scenario, Table, Trace
 from .actor import read_actor
 from .assignment import assign
-from .batch import ACTIONS, INPUTS, ONE, SUB_CHANNELS, BatchEnvironment
+from .batch import ACTIONS, INPUTS, ONE, BatchEnvironment
 from .evaluation import POLICIES, evaluate
 from .export import Export, export
 from .parallel import ParallelEnvironment, parallel_env
@@ -29,7 +29,6 @@ __all__ = [
     "INPUTS",
     "ONE",
     "POLICIES",
-    "SUB_CHANNELS",
     "Assignment",
     "BatchEnvironment",
     "Evaluation",

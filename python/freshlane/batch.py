@@ -17,9 +17,8 @@ INPUTS = 20
 ONE = 64
 """The int8 code of 1.0 in an observation."""
 ACTIONS = 6
-"""Number of actions: 0 silent, 1 full power on the home sub-channel, 2 to 5 received there at the joiner levels 1 to 4."""
-SUB_CHANNELS = 3
-"""Number of sub-channels."""
+"""Number of actions: 0 silent, 1 full power where the vehicle's place in the ring is, 2 to 5 received at the joiner levels 1 to 4 where
+it likes an open sub-channel best. Without such a sub-channel in the slot all of them are silence."""
 
 Encoding = Literal["int8", "float32"]
 Reward = Literal["own", "team"]
@@ -48,19 +47,26 @@ class BatchEnvironment:
     also without the environment. Python's lock is released while worlds are stepped; another thread that reads a view
     meanwhile sees a mixture of two slots.
 
+    What an agent may know is what its unit does: `observations`, or the measurement that they encode (`gains_db`, `interference_db`,
+    `places`, `assigned`, `weights`, `awaits`) and what it heard of the broadcasts (`ring_places`, `open_sub_channels`, `thresholds`,
+    `gains_hold`). A vehicle whose modem measured nothing in a slot has zeros as observation and levels, and its action is silence.
+    `ages`, `received` and `present` are the truth, which a unit may know late.
+
     Args:
         scenario: the cell; the paper's by default.
         worlds: how many.
         seed: which training worlds.
         slots: length of an episode in slots, or None for one without end.
         encoding: what `reset` and `step` return, the firmware's "int8" codes or these over 64 as "float32".
-        reward: "own", minus the vehicle's own age after the slot over 100 slots, or "team", the mean of these in its world.
+        reward: "own", minus the vehicle's own age after the slot, at most 100, over 100 slots, or "team", the mean of these in its
+            world.
         mobility: "grid", a file of SUMO floating-car data (.xml, .xml.gz), or what `read_trace` made of it; an absent vehicle's
-            values are 0, its action counts for nothing.
+            values are 0, its place is -1, its action counts for nothing.
         threads: worker threads; one a core without it, and with 1 the caller's own.
 
     Raises:
-        ValueError: an argument out of range, more than 100 vehicles at once, or a file that makes no sense.
+        ValueError: an argument out of range, more than 4000 vehicles at once, more than 16 sub-channels, or a file that makes no
+            sense.
         OSError: a file that cannot be read.
     """
 
@@ -87,6 +93,10 @@ class BatchEnvironment:
         """Number of worlds."""
         self.vehicles: int = self._batch.vehicles
         """Number of vehicles that ever appear in a world."""
+        self.sub_channels: int = self._batch.sub_channels
+        """Number of sub-channels."""
+        self.gains_hold: bool = self._batch.gains_hold
+        """Whether a gain as it was measured still says that a transmission will be received, as the base station broadcasts."""
         self.single_observation_space: spaces.Box = single
         """One vehicle's observation: int8 or float32 (20,)."""
         self.single_action_space: spaces.Discrete[Any] = spaces.Discrete(ACTIONS)
@@ -137,7 +147,7 @@ class BatchEnvironment:
         """`step` with free choice of sub-channel and power in place of the firmware's actions.
 
         Args:
-            sub_channels: integers (worlds, vehicles), 0 to 2, or -1 for silence.
+            sub_channels: integers (worlds, vehicles), from 0 to one less than there are, or -1 for silence.
             powers_dbm: numbers (worlds, vehicles), -100 dBm to the scenario's full power; rounded down to 1/256 dB. Those of
                 silent vehicles mean nothing.
 
@@ -145,10 +155,10 @@ class BatchEnvironment:
             TypeError, ValueError: as `step`.
         """
         channels = _arguments.array("sub_channels", sub_channels, "iu", "whole numbers such as int8")
-        if channels.size and (channels.min() < -1 or channels.max() >= SUB_CHANNELS):
+        if channels.size and (channels.min() < -1 or channels.max() >= self.sub_channels):
             # Before int8 could wrap it.
             worst = channels.min() if channels.min() < -1 else channels.max()
-            raise ValueError(f"sub_channels: found {worst}, expected -1 (silent) to {SUB_CHANNELS - 1}")
+            raise ValueError(f"sub_channels: found {worst}, expected -1 (silent) to {self.sub_channels - 1}")
         powers = _arguments.array("powers_dbm", powers_dbm, "fiu", "numbers such as float32")
         for name, found in (("sub_channels", channels), ("powers_dbm", powers)):
             if found.ndim != 2:
@@ -159,7 +169,7 @@ class BatchEnvironment:
         return self._after_slot()
 
     def check_table(self, table: Table) -> None:
-        """Raises ValueError if the table was made for another power, C_min or for fewer vehicles than these worlds have."""
+        """Raises ValueError if the table was made for another C_min, or for fewer vehicles or sub-channels than these worlds have."""
         self._batch.check_table(table)
 
     def _observed(self) -> NDArray[Any]:
@@ -203,8 +213,8 @@ class BatchEnvironment:
         return self._batch.rewards
 
     @property
-    def ages(self) -> NDArray[np.uint8]:
-        """Ages of information at the beginning of the slot: uint8 (worlds, vehicles), 1 to 100 slots of 1 ms."""
+    def ages(self) -> NDArray[np.uint16]:
+        """Ages of information at the beginning of the slot: uint16 (worlds, vehicles), 1 to 65535 slots of 1 ms, from 100 on."""
         return self._batch.ages
 
     @property
@@ -219,25 +229,45 @@ class BatchEnvironment:
 
     @property
     def gains_db(self) -> NDArray[np.float32]:
-        """Level at the base station at full power, this slot: float32 (worlds, vehicles, 3), dB over noise."""
+        """Level at the base station at full power, this slot: float32 (worlds, vehicles, sub-channels), dB over noise."""
         return self._batch.gains_db
 
     @property
     def interference_db(self) -> NDArray[np.float32]:
-        """Noise plus others' power in the slot before: float32 (worlds, vehicles, 3), dB over noise."""
+        """Noise plus others' power in the slot before: float32 (worlds, vehicles, sub-channels), dB over noise."""
         return self._batch.interference_db
 
     @property
-    def home_sub_channels(self) -> NDArray[np.int8]:
-        """The sub-channel of each vehicle's group: int8 (worlds, vehicles), 0 to 2; what `transmit` takes."""
-        return self._batch.home_sub_channels
+    def places(self) -> NDArray[np.int16]:
+        """The place in the ring that each vehicle knows as its own: int16 (worlds, vehicles), -1 for none."""
+        return self._batch.places
 
     @property
-    def periods(self) -> NDArray[np.uint8]:
-        """The broadcast period of each vehicle's group: uint8 (worlds, vehicles), slots."""
-        return self._batch.periods
+    def assigned(self) -> NDArray[np.bool_]:
+        """Whether that was handed out at association, and not found: bool (worlds, vehicles)."""
+        return self._batch.assigned
 
     @property
-    def joiner_probabilities(self) -> NDArray[np.float32]:
-        """The broadcast joiner probability of each vehicle's group: float32 (worlds, vehicles)."""
-        return self._batch.joiner_probabilities
+    def weights(self) -> NDArray[np.float32]:
+        """What the base station weighs each vehicle's age with: float32 (worlds, vehicles), 1 as it is."""
+        return self._batch.weights
+
+    @property
+    def awaits(self) -> NDArray[np.bool_]:
+        """Whether an acknowledgement of what it sent may be under way: bool (worlds, vehicles)."""
+        return self._batch.awaits
+
+    @property
+    def ring_places(self) -> NDArray[np.uint16]:
+        """How many places the ring has, as each vehicle last heard: uint16 (worlds, vehicles), 0 where it never did."""
+        return self._batch.ring_places
+
+    @property
+    def open_sub_channels(self) -> NDArray[np.bool_]:
+        """Where anybody may contend in this slot, as each vehicle heard: bool (worlds, vehicles, sub-channels)."""
+        return self._batch.open_sub_channels
+
+    @property
+    def thresholds(self) -> NDArray[np.uint32]:
+        """The least priority with which to contend in this slot, as each vehicle heard: uint32 (worlds, vehicles); 2^32 - 1 calls nobody."""
+        return self._batch.thresholds

@@ -50,8 +50,8 @@ def evaluate(
 
     Raises:
         TypeError: a policy that is none of these, or one that gives no integers.
-        ValueError: an argument out of range, a table for another power, C_min or for fewer vehicles, or actions of another
-            shape or out of range.
+        ValueError: an argument out of range, a table for another C_min or for fewer vehicles or sub-channels, or actions
+            of another shape or out of range.
     """
     scenario, trace = scenario or Scenario(), mobility_of(mobility)
     if isinstance(policy, str):

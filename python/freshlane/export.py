@@ -56,7 +56,7 @@ def export(
         network: dense layers with ReLU between them, 20 inputs (observations over 64) and 6 outputs, at most 4 layers: a torch
             module made of `Linear` and `ReLU` (in `Sequential`s), or pairs of arrays, weights (outputs, inputs) and biases
             (outputs,), from the input on.
-        scenario: whose power and C_min the table serves; the paper's by default.
+        scenario: whose C_min and number of sub-channels the table serves; the paper's by default.
         max_vehicles: most vehicles in a cell that the table may serve; the scenario's without it.
         seed: of the training, kept in the table; also of the training worlds that calibrate the activations.
         calibration: encoded observations, int8 (rows, 20), whose largest activations set the int8 scales. Without it: those of

@@ -2,7 +2,7 @@
 
 use crate::shared_array::SharedArray;
 use firmware::observation::{INPUTS, ONE};
-use firmware::units::{Age, SUB_CHANNELS};
+use firmware::units::{Age, Level, Weight};
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::policy::actor::Encoder;
@@ -36,54 +36,71 @@ impl Choice for Reward {
     }
 }
 
-/// Every array of a batch. An absent vehicle's values are 0.
+/// The place of a vehicle that has none.
+const NO_PLACE: i16 = -1;
+
+/// Every array of a batch. An absent vehicle's values are 0, its place is [`NO_PLACE`].
 pub struct Arrays {
     vehicles: usize,
+    sub_channels: usize,
     /// `[world][vehicle][20]`.
     pub observations: SharedArray<i8>,
     /// `[world][vehicle][20]`, observations over 64.
     pub float_observations: SharedArray<f32>,
     /// `[world][vehicle]`, slots.
-    pub ages: SharedArray<u8>,
+    pub ages: SharedArray<u16>,
     /// `[world][vehicle]`: received in the slot before.
     pub received: SharedArray<bool>,
-    /// `[world][vehicle]`, minus an age over 100 slots.
+    /// `[world][vehicle]`, minus an age, at most 100 slots, over 100 slots.
     pub rewards: SharedArray<f32>,
     /// `[world][vehicle][sub_channel]`, dB over noise.
     pub gains_db: SharedArray<f32>,
     /// `[world][vehicle][sub_channel]`, dB over noise.
     pub interference_db: SharedArray<f32>,
-    /// `[world][vehicle]`.
-    pub home_sub_channels: SharedArray<i8>,
-    /// `[world][vehicle]`, slots.
-    pub periods: SharedArray<u8>,
-    /// `[world][vehicle]`.
-    pub joiner_probabilities: SharedArray<f32>,
+    /// `[world][vehicle]`, its place in the ring or [`NO_PLACE`].
+    pub places: SharedArray<i16>,
+    /// `[world][vehicle]`: the place was handed out.
+    pub assigned: SharedArray<bool>,
+    /// `[world][vehicle]`: what its age counts, 1 as it is.
+    pub weights: SharedArray<f32>,
+    /// `[world][vehicle]`: an acknowledgement may be under way.
+    pub awaits: SharedArray<bool>,
+    /// `[world][vehicle]`, places of the ring as it last heard.
+    pub ring_places: SharedArray<u16>,
+    /// `[world][vehicle][sub_channel]`: anybody may contend there, as it heard.
+    pub open_sub_channels: SharedArray<bool>,
+    /// `[world][vehicle]`: the least priority with which to contend, as it heard.
+    pub thresholds: SharedArray<u32>,
     /// `[vehicle]`: the same in every world.
     pub present: SharedArray<bool>,
 }
 
 impl Arrays {
-    /// Zeros for so many worlds and vehicles.
+    /// Zeros for so many worlds, vehicles and sub-channels.
     ///
     /// # Errors
     /// If they do not fit the memory.
-    pub fn zeros(py: Python<'_>, worlds: usize, vehicles: usize) -> PyResult<Self> {
+    pub fn zeros(py: Python<'_>, worlds: usize, vehicles: usize, sub_channels: usize) -> PyResult<Self> {
         let each = (worlds, vehicles);
         let inputs = (worlds, vehicles, INPUTS);
-        let sub_channels = (worlds, vehicles, SUB_CHANNELS);
+        let levels = (worlds, vehicles, sub_channels);
         Ok(Self {
             vehicles,
+            sub_channels,
             observations: SharedArray::zeros(py, inputs)?,
             float_observations: SharedArray::zeros(py, inputs)?,
             ages: SharedArray::zeros(py, each)?,
             received: SharedArray::zeros(py, each)?,
             rewards: SharedArray::zeros(py, each)?,
-            gains_db: SharedArray::zeros(py, sub_channels)?,
-            interference_db: SharedArray::zeros(py, sub_channels)?,
-            home_sub_channels: SharedArray::zeros(py, each)?,
-            periods: SharedArray::zeros(py, each)?,
-            joiner_probabilities: SharedArray::zeros(py, each)?,
+            gains_db: SharedArray::zeros(py, levels)?,
+            interference_db: SharedArray::zeros(py, levels)?,
+            places: SharedArray::zeros(py, each)?,
+            assigned: SharedArray::zeros(py, each)?,
+            weights: SharedArray::zeros(py, each)?,
+            awaits: SharedArray::zeros(py, each)?,
+            ring_places: SharedArray::zeros(py, each)?,
+            open_sub_channels: SharedArray::zeros(py, levels)?,
+            thresholds: SharedArray::zeros(py, each)?,
             present: SharedArray::zeros(py, vehicles)?,
         })
     }
@@ -113,30 +130,38 @@ impl Arrays {
         present.iter().for_each(|&vehicle| marks[vehicle] = true);
     }
 
-    /// Fills what is read less often: levels and broadcasts of a part whose first world is `first`.
+    /// Fills what is read less often, of a part whose first world is `first`: the measurement that a vehicle's unit gets. Where its modem
+    /// measured nothing, levels are 0.
     pub fn fill_measurements(&mut self, first: usize, environment: &Environment<'_>) {
-        let gains_db = self.gains_db.values_mut();
-        let interference_db = self.interference_db.values_mut();
-        let home_sub_channels = self.home_sub_channels.values_mut();
-        let periods = self.periods.values_mut();
-        let joiner_probabilities = self.joiner_probabilities.values_mut();
+        let count = self.sub_channels;
+        let (gains_db, interference_db) = (self.gains_db.values_mut(), self.interference_db.values_mut());
+        let (places, assigned) = (self.places.values_mut(), self.assigned.values_mut());
+        let (weights, awaits) = (self.weights.values_mut(), self.awaits.values_mut());
+        let (ring_places, thresholds) = (self.ring_places.values_mut(), self.thresholds.values_mut());
+        let open_sub_channels = self.open_sub_channels.values_mut();
         for world in 0..environment.worlds() {
             for vehicle in 0..self.vehicles {
                 let index = (first + world) * self.vehicles + vehicle;
-                let (senses, lane) = (environment.senses(world / LANES, vehicle), world % LANES);
-                let present = environment.presence().contains(world, vehicle);
-                for sub_channel in 0..SUB_CHANNELS {
-                    let place = index * SUB_CHANNELS + sub_channel;
-                    let db = |level: i32| if present { level as f32 / 256.0 } else { 0.0 };
-                    gains_db[place] = db(senses.gain(sub_channel)[lane]);
-                    interference_db[place] = db(senses.interference(sub_channel)[lane]);
+                let here = environment.presence().contains(world, vehicle);
+                let measured = environment.measurement(world, vehicle).filter(|_| here);
+                let heard = environment.broadcast(world, vehicle).filter(|_| here);
+                for sub_channel in 0..count {
+                    let place = index * count + sub_channel;
+                    let db = |levels: &[Level]| levels[sub_channel].to_num::<f32>();
+                    gains_db[place] = measured.map_or(0.0, |measured| db(measured.gain()));
+                    interference_db[place] = measured.map_or(0.0, |measured| db(measured.interference()));
+                    open_sub_channels[place] = heard.is_some_and(|heard| heard.open.contains(sub_channel));
                 }
-                let broadcast = environment.broadcast(world, vehicle).filter(|_| present);
-                home_sub_channels[index] = broadcast.map_or(0, |heard| heard.home.index() as i8);
-                periods[index] = broadcast.map_or(0, |heard| heard.period.slots());
-                joiner_probabilities[index] = broadcast.map_or(0.0, |heard| {
-                    f32::from(heard.joiner_probability.in_256ths()) / 256.0
-                });
+                ring_places[index] = heard.map_or(0, |heard| heard.ring.places());
+                thresholds[index] = heard.map_or(0, |heard| heard.threshold);
+                let (senses, lane) = (environment.senses(world / LANES, vehicle), world % LANES);
+                let (own, told) = senses.places();
+                // No place is the last of all codes.
+                places[index] = if here { own[lane].cast_signed() } else { NO_PLACE };
+                assigned[index] = here && told[lane] > 0;
+                awaits[index] = here && senses.awaits()[lane] > 0;
+                let weight = if here { senses.weights()[lane] } else { 0 };
+                weights[index] = f32::from(weight) / f32::from(Weight::ONE.0);
             }
         }
     }
@@ -154,7 +179,7 @@ impl Arrays {
 /// The arrays of a few worlds.
 pub struct Part<'a> {
     observations: &'a mut [i8],
-    ages: &'a mut [u8],
+    ages: &'a mut [u16],
     received: &'a mut [bool],
     rewards: &'a mut [f32],
 }
@@ -201,18 +226,25 @@ impl Part<'_> {
         );
         let ages = environment.ages().row(block, vehicle);
         let receptions = environment.receptions().row(block, vehicle);
+        // Where modems may miss a slot, who measured nothing sees nothing.
+        let misses = environment.scenario().feedback.measurement_loss > 0.0;
         for world in 0..worlds {
             let index = first + world * environment.vehicles();
             let (observation, _) = self.observations[index * INPUTS..].as_chunks_mut::<INPUTS>();
-            observation[0] = std::array::from_fn(|input| inputs[input][world] as i8);
+            observation[0] = if misses && senses.measurement(world).is_none() {
+                [0; INPUTS]
+            } else {
+                std::array::from_fn(|input| inputs[input][world] as i8)
+            };
             self.ages[index] = ages[world];
             self.received[index] = receptions[world] > 0;
         }
     }
 
     fn fill_rewards(&mut self, first: usize, present: &[usize], reward: Reward) {
-        let of_age = |age: f32| -age / f32::from(Age::MAX.slots());
-        let age = |vehicle: &usize| f32::from(self.ages[first + vehicle]);
+        let most = Age::TIME_CONSTRAINT.slots();
+        let of_age = |age: f32| -age / f32::from(most);
+        let age = |vehicle: &usize| f32::from(self.ages[first + vehicle].min(most));
         let mean = present.iter().map(age).sum::<f32>() / present.len().max(1) as f32;
         for vehicle in present {
             self.rewards[first + vehicle] = match reward {

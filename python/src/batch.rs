@@ -8,7 +8,6 @@ use crate::table::Table;
 use crate::trace::Trace;
 use crate::worlds::Worlds;
 use firmware::decision::Action;
-use firmware::units::SUB_CHANNELS;
 use host_sim::policy::actor;
 use host_sim::simulation::Extent;
 use host_sim::stream::Purpose;
@@ -141,8 +140,8 @@ impl Batch {
         let sub_channels = self.values("sub_channels", &sub_channels)?;
         let powers_dbm = self.values("powers_dbm", &powers_dbm)?;
         self.worlds.check_slots(self.worlds.elapsed() + 1)?;
-        let last = SUB_CHANNELS as i8 - 1;
-        let full_power_dbm = self.worlds.setting().scenario.radio.max_power_dbm;
+        let radio = &self.worlds.setting().scenario.radio;
+        let (last, full_power_dbm) = (radio.sub_channels as i8 - 1, radio.max_power_dbm);
         for (index, (&sub_channel, &power_dbm)) in sub_channels.iter().zip(powers_dbm).enumerate() {
             if !(-1..=last).contains(&sub_channel) {
                 let expected = format!("-1 (silent) to {last}");
@@ -179,6 +178,16 @@ impl Batch {
     #[getter]
     fn vehicles(&self) -> usize {
         self.worlds.vehicles()
+    }
+
+    #[getter]
+    fn sub_channels(&self) -> u32 {
+        self.worlds.setting().scenario.radio.sub_channels
+    }
+
+    #[getter]
+    fn gains_hold(&self) -> bool {
+        self.worlds.gains_hold()
     }
 
     /// Slots since the last reset.
@@ -242,21 +251,45 @@ impl Batch {
     }
 
     #[getter]
-    fn home_sub_channels(&mut self, py: Python<'_>) -> Py<PyAny> {
+    fn places(&mut self, py: Python<'_>) -> Py<PyAny> {
         py.detach(|| self.worlds.fill_measurements());
-        self.worlds.arrays.home_sub_channels.view(py)
+        self.worlds.arrays.places.view(py)
     }
 
     #[getter]
-    fn periods(&mut self, py: Python<'_>) -> Py<PyAny> {
+    fn assigned(&mut self, py: Python<'_>) -> Py<PyAny> {
         py.detach(|| self.worlds.fill_measurements());
-        self.worlds.arrays.periods.view(py)
+        self.worlds.arrays.assigned.view(py)
     }
 
     #[getter]
-    fn joiner_probabilities(&mut self, py: Python<'_>) -> Py<PyAny> {
+    fn weights(&mut self, py: Python<'_>) -> Py<PyAny> {
         py.detach(|| self.worlds.fill_measurements());
-        self.worlds.arrays.joiner_probabilities.view(py)
+        self.worlds.arrays.weights.view(py)
+    }
+
+    #[getter]
+    fn awaits(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.awaits.view(py)
+    }
+
+    #[getter]
+    fn ring_places(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.ring_places.view(py)
+    }
+
+    #[getter]
+    fn open_sub_channels(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.open_sub_channels.view(py)
+    }
+
+    #[getter]
+    fn thresholds(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_measurements());
+        self.worlds.arrays.thresholds.view(py)
     }
 }
 

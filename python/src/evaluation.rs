@@ -34,6 +34,8 @@ pub struct Evaluation {
     mean_age_ms: f64,
     /// Half the width of its 95 % interval over worlds (Student's t); None for a single world.
     mean_age_ci95_ms: Option<f64>,
+    /// Mean over all vehicle-slots of ages that may exceed 100 slots.
+    uncapped_mean_age_ms: f64,
     /// Median over worlds of their means.
     median_world_age_ms: f64,
     /// 99th percentile over all vehicle-slots.
@@ -52,6 +54,8 @@ pub struct Evaluation {
     age_above_50_ms: f64,
     /// Mean age that one vehicle in 20 exceeds, over all worlds.
     worst_vehicles_ms: f64,
+    /// The same of ages that may exceed 100 slots.
+    uncapped_worst_vehicles_ms: f64,
     /// Transmissions a vehicle and slot, received or not.
     transmissions_per_vehicle_slot: f64,
     /// Energy that they radiate, a vehicle and slot.
@@ -85,6 +89,7 @@ impl Evaluation {
             bound_age_ms,
             mean_age_ms: ages.mean_ms,
             mean_age_ci95_ms: ages.ci95_ms,
+            uncapped_mean_age_ms: ages.uncapped_mean_ms,
             median_world_age_ms: ages.median_world_ms,
             p99_age_ms: ages.p99_ms,
             first100_age_ms: ages.first100_ms,
@@ -94,6 +99,7 @@ impl Evaluation {
             age_above_20_ms: ages.share_above(20),
             age_above_50_ms: ages.share_above(50),
             worst_vehicles_ms: ages.worst_vehicles_ms,
+            uncapped_worst_vehicles_ms: ages.uncapped_worst_vehicles_ms,
             transmissions_per_vehicle_slot: ages.transmissions_per_vehicle_slot,
             energy_mj_per_vehicle_slot: ages.energy_mj_per_vehicle_slot,
             distribution,

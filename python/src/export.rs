@@ -7,7 +7,9 @@ use firmware::decision::ACTIONS;
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::network::MAX_LAYERS;
 use firmware::observation::{INPUTS, Observation};
+use firmware::ring::MAX_PLACES;
 use firmware::table::Provenance;
+use firmware::units::{MAX_SUB_CHANNELS, SubChannels};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::policy::power_plan;
@@ -110,12 +112,20 @@ impl FloatNetwork {
         max_vehicles: u16,
         seed: u64,
     ) -> PyResult<Table> {
-        check_range("max_vehicles", max_vehicles.into(), 1, 300)?;
+        check_range("max_vehicles", max_vehicles.into(), 1, MAX_PLACES.into())?;
         let scenario = &scenario.inner;
+        let sub_channels = scenario.radio.sub_channels;
+        check_range(
+            "radio.sub_channels",
+            sub_channels.into(),
+            1,
+            MAX_SUB_CHANNELS as u64,
+        )?;
         let header = Header {
-            observation_form: ObservationForm::HomeFirst,
+            observation_form: ObservationForm::Ring,
             output_form: OutputForm::Actions,
             max_vehicles,
+            max_sub_channels: SubChannels::new(sub_channels as usize).unwrap_or(SubChannels::ONE),
             required_sinr: scenario.radio.required_level(),
             power_plan: power_plan(scenario),
             // Trained elsewhere: no revision of these sources says how.
@@ -158,7 +168,7 @@ impl FloatNetwork {
         let vehicles = u32::from(table.max_vehicles());
         let actors = Actors {
             form: ActorForm {
-                observation: ObservationForm::HomeFirst,
+                observation: ObservationForm::Ring,
                 output: OutputForm::Actions,
                 noise: 0.0,
                 min_vehicles: 1,
@@ -192,7 +202,7 @@ impl FloatNetwork {
                 let Some(measurement) = environment.measurement(0, vehicle) else {
                     continue;
                 };
-                let observation = Observation::new(&measurement);
+                let observation = Observation::new(&measurement, environment.identity(0, vehicle));
                 inputs.push(observation.encode(required));
                 observed.push((vehicle, observation));
             }

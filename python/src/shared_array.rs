@@ -20,6 +20,9 @@ const ALIGNMENT: usize = 64;
 pub trait Plain: Element + Copy + Send + Sync {}
 impl Plain for i8 {}
 impl Plain for u8 {}
+impl Plain for i16 {}
+impl Plain for u16 {}
+impl Plain for u32 {}
 impl Plain for bool {}
 impl Plain for f32 {}
 

@@ -2,6 +2,7 @@
 
 use crate::scenario::{Scenario, Setting};
 use firmware::decision::{Action, PowerPlan};
+use firmware::lots::Identity;
 use firmware::observation::{INPUTS, Observation};
 use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
@@ -64,7 +65,7 @@ impl Policy for EveryFifth {
         let first = senses.block() * LANES + senses.vehicle();
         for lane in (0..senses.worlds()).filter(|lane| (first + lane).is_multiple_of(5)) {
             if let Some(measurement) = senses.measurement(lane) {
-                let observation = Observation::new(&measurement);
+                let observation = Observation::new(&measurement, Identity(senses.identities()[lane]));
                 decisions.set(lane, self.power_plan.decision(Action::FullPower, &observation));
             }
         }

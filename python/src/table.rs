@@ -95,10 +95,10 @@ impl Table {
         Ok(self.parse()?.max_vehicles())
     }
 
-    /// Full power in dBm.
+    /// The most sub-channels of a cell that it serves.
     #[getter]
-    fn max_power_dbm(&self) -> PyResult<f64> {
-        Ok(self.parse()?.power_plan().max_power.value().to_num())
+    fn max_sub_channels(&self) -> PyResult<usize> {
+        Ok(self.parse()?.max_sub_channels().count())
     }
 
     /// Level in dB over noise at which a lone transmission succeeds.
@@ -165,7 +165,7 @@ impl Table {
     ) -> PyResult<Vec<T>> {
         let table = self.parse()?;
         let forms = (table.observation_form(), table.output_form());
-        let common = (ObservationForm::HomeFirst, OutputForm::Actions);
+        let common = (ObservationForm::Ring, OutputForm::Actions);
         if forms != common {
             let (found, expected) = (
                 format!("{forms:?}"),

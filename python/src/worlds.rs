@@ -1,25 +1,27 @@
 //! A batch of worlds that Python steps: the simulator's environments in parts, one part a task of the thread pool.
 
 use crate::arrays::{Arrays, Part, Reward};
-use crate::error::{check_range, exception, value_error};
+use crate::error::{check_range, exception};
 use crate::scenario::Setting;
 use firmware::decision::{Action, PowerPlan};
+use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::Observation;
-use firmware::table::Table;
-use firmware::units::{Dbm, Period};
+use firmware::ring::MAX_PLACES;
+use firmware::units::Dbm;
 use host_sim::age::{AgeCounter, AgeSummary};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::mobility::check_slots;
+use host_sim::policy::actor::Encoder;
 use host_sim::policy::power_plan;
-use host_sim::policy::{actor::Encoder, clock};
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::stream::Purpose;
 use host_sim::thread_pool;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use self_cell::self_cell;
+use trainer::forms::check_sub_channels;
 
 /// Worlds of a part: one row, the least that the simulator does at once.
 const PART_WORLDS: usize = LANES;
@@ -75,8 +77,7 @@ impl Worlds {
     /// The first worlds of a seed before their first slot; `threads` is one a core without a number.
     ///
     /// # Errors
-    /// `ValueError` for more vehicles than a group's broadcast serves, for other than three sub-channels, and for what does not
-    /// fit the memory.
+    /// `ValueError` for more vehicles than a ring has places, for more sub-channels than units know, and for what does not fit the memory.
     pub fn new(
         py: Python<'_>,
         setting: Setting,
@@ -89,17 +90,20 @@ impl Worlds {
         check_range("worlds", worlds.into(), 1, 1_000_000)?;
         let worlds = worlds as usize;
         let Setting { scenario, source } = &setting;
-        let shipped = Table::parse(firmware::tables::DISTILLED);
-        let shipped = shipped.map_err(|error| value_error("built-in table", error, "a table"))?;
-        // As the clock, agents need the base station's groups, and all of them a broadcast.
-        let most = source.most_vehicles(scenario);
-        clock::KIND.check(scenario, most, &shipped).map_err(exception)?;
-        check_range("vehicles", most as u64, 1, Period::MAX.into())?;
+        let (observation, output) = (ObservationForm::Ring, OutputForm::Actions);
+        check_sub_channels("radio.sub_channels", scenario, observation, output).map_err(exception)?;
+        check_range(
+            "vehicles",
+            source.most_vehicles(scenario) as u64,
+            1,
+            MAX_PLACES.into(),
+        )?;
         let vehicles = source.vehicles(scenario);
+        let sub_channels = scenario.radio.sub_channels as usize;
         let decisions = ranges(worlds).map(|part| Decisions::new(part.len(), vehicles));
         let own_pool = threads != Some(1);
         let mut batch = Self {
-            arrays: Arrays::zeros(py, worlds, vehicles)?,
+            arrays: Arrays::zeros(py, worlds, vehicles, sub_channels)?,
             decisions: decisions.collect(),
             counters: Vec::new(),
             pool: own_pool
@@ -167,6 +171,14 @@ impl Worlds {
         self.vehicles
     }
 
+    /// Whether gains as they were measured still say that a transmission will be received, as the base station broadcasts.
+    pub fn gains_hold(&self) -> bool {
+        self.parts.with_dependent(|_, environments| {
+            let first = environments.first();
+            first.is_some_and(|environment| environment.broadcasts(0).gains_hold())
+        })
+    }
+
     /// Slots since the worlds began.
     pub fn elapsed(&self) -> u32 {
         self.elapsed
@@ -220,7 +232,8 @@ impl Worlds {
                 return;
             }
             if let Some(measurement) = task.environment.measurement(world, vehicle) {
-                let decision = plan.decision(action, &Observation::new(&measurement));
+                let identity = task.environment.identity(world, vehicle);
+                let decision = plan.decision(action, &Observation::new(&measurement, identity));
                 task.decisions.set(world, vehicle, decision);
             }
         });

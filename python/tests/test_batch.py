@@ -23,7 +23,7 @@ def test_views_are_the_simulator_s_memory():
     env = environment()
     names = (
         "observations float_observations rewards ages received present gains_db interference_db "
-        "home_sub_channels periods joiner_probabilities"
+        "places assigned weights awaits ring_places open_sub_channels thresholds"
     ).split()
     views = {name: getattr(env, name) for name in names}
     addresses = {name: view.__array_interface__["data"] for name, view in views.items()}
@@ -88,11 +88,18 @@ def test_ages_and_rewards_follow_receptions():
         actions = table.act(env.observations)
         env.step(actions)
         team.step(actions)
-        assert (env.ages == np.where(env.received, 1, np.minimum(before + 1, 100))).all()
-        assert np.allclose(env.rewards, -env.ages.astype(np.float32) / 100)
+        assert (env.ages == np.where(env.received, 1, before + 1)).all()
+        assert np.allclose(env.rewards, -np.minimum(env.ages, 100).astype(np.float32) / 100)
         assert np.allclose(team.rewards, env.rewards.mean(axis=1, keepdims=True))
         assert not env.received[actions == 0].any()
     assert env.received.any() and env.ages.mean() < 20
+
+
+def test_ages_go_on_beyond_the_least_reward():
+    env = environment(worlds=2)
+    for _ in range(300):
+        env.step(np.zeros((2, 20), np.uint8))
+    assert (env.ages == 400).all() and (env.rewards == -1).all()
 
 
 def test_float_observations_are_the_codes_over_64():
@@ -103,20 +110,59 @@ def test_float_observations_are_the_codes_over_64():
     assert observations is env.float_observations and env.observation_space.contains(observations)
 
 
-def test_observations_are_the_encoded_measurements():
-    env = environment()
+def carriers(env):
+    """The sub-channel that carries each vehicle's place in this slot, -1 where none does: as the firmware's `ring.rs` has it."""
+    slot = 100 + env.elapsed
+    hop = ((slot * 0x9E3779B1) % 2**32 >> 16) * env.sub_channels >> 16
+    offsets = (env.places.astype(int) - env.sub_channels * slot) % np.maximum(env.ring_places, 1)
+    carried = (env.places >= 0) & (offsets < env.sub_channels)
+    return np.where(carried, (offsets + hop) % env.sub_channels, -1)
+
+
+@pytest.mark.parametrize("sub_channels", [1, 3, 7])
+def test_observations_are_the_encoded_measurements(sub_channels):
+    env = environment(scenario=Scenario("edge", settings={"radio.sub_channels": sub_channels}))
     run(env, 30)
-    home = env.home_sub_channels.astype(int)
     codes = env.observations.astype(int)
-    home_gain = np.take_along_axis(env.gains_db, home[..., None], axis=2)[..., 0]
-    # Input 5 is (dB / 10 - 3.5) / 2 in steps of 1/64, at most 1.06 steps off; saturated ones say nothing.
-    code = 3.2 * home_gain - 112
-    inside = (code > -127) & (code < 126)
-    assert inside.any() and (np.abs(codes[..., 5] - code)[inside] < 1.1).all()
-    assert (codes[..., 0] == 64 * (env.ages % env.periods == 0)).all()
-    assert (env.interference_db >= 0).all() and (env.joiner_probabilities > 0).all()
-    # Twenty vehicles in three groups.
-    assert set(np.unique(env.periods)) <= {6, 7, 8, 9} and set(np.unique(home)) == {0, 1, 2}
+    turns = 0
+    for _ in range(20):
+        run(env, 1)
+        codes, own = env.observations.astype(int), carriers(env)
+        assert env.gains_db.shape == env.interference_db.shape == env.open_sub_channels.shape == (40, 20, sub_channels)
+        turn = own >= 0
+        turns += turn.sum()
+        assert (codes[..., 0] == 64 * turn).all()
+        gain = np.take_along_axis(env.gains_db, np.maximum(own, 0)[..., None], axis=2)[..., 0]
+        # Input 8 is (dB / 10 - 3.5) / 2 in steps of 1/64, at most 1.06 steps off; saturated ones say nothing.
+        code = 3.2 * gain - 112
+        inside = turn & (code > -127) & (code < 126)
+        assert (np.abs(codes[..., 8] - code)[inside] < 1.1).all()
+        assert (codes[..., 4] == 64 * env.assigned).all() and (codes[..., 5] == 64 * env.awaits).all()
+        assert (codes[..., 12] == 64 * env.gains_hold).all()
+        assert (codes[..., 15] == np.minimum(16 * env.weights, 127).astype(int)).all()
+        assert (codes[..., 17] == 64 * (env.places >= 0)).all()
+        assert (codes[..., 18] == 64 * env.open_sub_channels.any(axis=-1)).all()
+        # Nobody is called who has nowhere to contend.
+        assert (env.thresholds == 2**32 - 1)[~env.open_sub_channels.any(axis=-1)].all()
+        # A place that is one's own is open to nobody.
+        own_is_open = np.take_along_axis(env.open_sub_channels, np.maximum(own, 0)[..., None], axis=2)[..., 0]
+        assert not own_is_open[turn & env.assigned].any()
+    assert turns > 0 and (env.interference_db >= 0).all()
+
+
+def test_everybody_has_a_place_where_nobody_fails():
+    env = environment(scenario=Scenario(settings={"radio.max_power_dbm": 50}))
+    assert (np.sort(env.places, axis=1) == np.arange(20)).all() and (env.ring_places == 20).all()
+    assert env.assigned.all() and env.gains_hold and not env.open_sub_channels.any() and not env.awaits.any()
+
+
+def test_who_measures_nothing_sees_nothing():
+    env = environment(scenario=Scenario(settings={"feedback.measurement_loss": 0.5}))
+    for _ in range(5):
+        env.step(np.ones((40, 20), np.uint8))
+        nothing = (env.observations == 0).all(axis=-1)
+        assert 0.4 < nothing.mean() < 0.6
+        assert (env.gains_db == 0).all(axis=-1)[nothing].all() and (env.gains_db != 0).any(axis=-1)[~nothing].all()
 
 
 def test_truncation_at_the_episode_s_end():
@@ -152,7 +198,7 @@ def test_actions_in_any_order_are_the_same():
         env.step(other)
         assert (env.ages == expected.ages).all() and (env.observations == expected.observations).all()
     by_power = environment()
-    channels, powers = np.where(actions > 0, by_power.home_sub_channels, -1), np.full((40, 20), 30.0)
+    channels, powers = np.where(actions > 0, carriers(by_power), -1), np.full((40, 20), 30.0)
     by_power.transmit(np.asfortranarray(channels), np.asfortranarray(powers))
     expected = environment()
     expected.transmit(channels, powers)
@@ -163,8 +209,8 @@ def test_transmissions_are_the_actions_in_sub_channels_and_dbm():
     by_action, by_power = environment(), environment()
     rng = np.random.default_rng(2)
     for _ in range(100):
-        send = rng.random((40, 20)) < 0.15
-        channels = np.where(send, by_power.home_sub_channels, -1)
+        send = rng.random((40, 20)) < 0.5
+        channels = np.where(send, carriers(by_power), -1)
         by_action.step(send.astype(np.uint8))
         by_power.transmit(channels, np.full((40, 20), 30.0))
         assert (by_action.ages == by_power.ages).all()
@@ -184,15 +230,16 @@ def test_presets_and_settings():
 
 
 def test_a_table_for_other_worlds_is_refused():
-    def refused(**settings):
-        env = environment(scenario=Scenario(settings={key.replace("__", "."): v for key, v in settings.items()}))
+    def refused(worlds=40, **settings):
+        env = environment(worlds=worlds, scenario=Scenario(settings={key.replace("__", "."): v for key, v in settings.items()}))
         with pytest.raises(ValueError) as error:
             env.check_table(Table.shipped())
         return str(error.value)
 
     environment().check_table(Table.shipped())
-    assert refused(cell__vehicles=80) == "vehicles: found 80, expected at most 72, which the table serves"
-    assert "expected 30 dBm as in the table" in refused(radio__max_power_dbm=23)
+    environment(scenario=Scenario(settings={"radio.max_power_dbm": 23, "radio.sub_channels": 8})).check_table(Table.shipped())
+    assert refused(radio__sub_channels=9).startswith("radio.sub_channels: found 9, expected sub-channels that the table serves, at most 8")
+    assert refused(worlds=1, cell__vehicles=2001) == "vehicles: found 2001, expected at most 2000, which the table serves"
     assert "as in the table" in refused(radio__min_spectral_efficiency=2)
 
 
@@ -295,7 +342,7 @@ def test_bad_scenarios_are_named(tmp_path):
     assert "scenario.toml" in message(FileNotFoundError, file=tmp_path / "no" / "scenario.toml")
     with pytest.raises(KeyError, match=r"expected cell\.vehicles"):
         Scenario()["cell.vehicels"]
-    with pytest.raises(ValueError, match="vehicles: found 101, expected 1 to 100"):
-        environment(scenario=Scenario(settings={"cell.vehicles": 101}))
-    with pytest.raises(ValueError, match="radio.sub_channels: found 4, expected 3"):
-        environment(scenario=Scenario(settings={"radio.sub_channels": 4}))
+    with pytest.raises(ValueError, match="vehicles: found 4001, expected 1 to 4000"):
+        environment(scenario=Scenario(settings={"cell.vehicles": 4001}))
+    with pytest.raises(ValueError, match="radio.sub_channels: found 17, expected at most 16, which units know"):
+        environment(scenario=Scenario(settings={"radio.sub_channels": 17}))

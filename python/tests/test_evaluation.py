@@ -9,6 +9,7 @@ from freshlane import POLICIES, BatchEnvironment, Scenario, Table, evaluate, rea
 
 KEYS = (
     "mean_age_ms mean_age_ci95_ms median_world_age_ms p99_age_ms first100_age_ms success_per_slot "
+    "uncapped_mean_age_ms uncapped_worst_vehicles_ms "
     "peak_age_ms age_above_10_ms age_above_20_ms age_above_50_ms worst_vehicles_ms "
     "transmissions_per_vehicle_slot energy_mj_per_vehicle_slot "
     "vehicles worlds slots"
@@ -47,7 +48,7 @@ def test_the_default_protocol_is_the_command_line_s(command_line):
 
 def test_a_file_and_a_trace(command_line, tmp_path):
     file = tmp_path / "scenario.toml"
-    file.write_text("[broadcast]\njoiner_count_delay_slots = 20\n")
+    file.write_text("[broadcast]\ncall_delay_slots = 4\n")
     trace = tmp_path / "trace.xml"
     steps = "".join(
         f'<timestep time="{time}">'
@@ -134,8 +135,8 @@ def test_bad_input_is_named(tmp_path):
         evaluate("actor", slots=0)
     with pytest.raises(ValueError, match=r"actions: found shape \(40, 3\), expected shape \(40, 20\)"):
         evaluate(lambda observations: np.zeros((40, 3), int), **EXTENT)
-    with pytest.raises(ValueError, match="vehicles: found 80, expected at most 72, which the table serves"):
-        evaluate(Table.shipped(), Scenario(settings={"cell.vehicles": 80}))
+    with pytest.raises(ValueError, match="vehicles: found 2001, expected at most 2000, which the table serves"):
+        evaluate(Table.shipped(), Scenario(settings={"cell.vehicles": 2001}))
 
 
 def test_tables(tmp_path):
@@ -143,7 +144,7 @@ def test_tables(tmp_path):
     path = tmp_path / "table.bin"
     table.write(path)
     assert path.read_bytes() == bytes(table) and Table.read(path) == Table.from_bytes(bytes(table))
-    assert table.widths[0] == 20 and table.widths[-1] == 6 and table.max_power_dbm == 30.0
+    assert table.widths[0] == 20 and table.widths[-1] == 6 and table.max_sub_channels == 8 and table.max_vehicles == 2000
     observations = BatchEnvironment(worlds=2).observations
     outputs = table.outputs(observations)
     assert outputs.shape == (2, 20, 6) and (outputs.argmax(axis=-1) == table.act(observations)).all()

@@ -10,11 +10,11 @@ EXTENT = {"worlds": 16, "slots": 300, "warmup": 200}
 
 
 def rules():
-    """Two layers by hand: send at full power in the own turn where the gain suffices; a joiner sends at the first level."""
+    """Two layers by hand: send at full power in the own turn where the gain suffices; who is called sends at the first level."""
     weights = np.zeros((2, 20), np.float32)
-    weights[0, [0, 8]] = 1.0, 1.0
+    weights[0, [0, 9]] = 1.0, 1.0
     weights[0, 1] = -1.0
-    weights[1, [1, 16, 8]] = 1.0, 1.0, 1.0
+    weights[1, [13, 18, 11]] = 1.0, 1.0, 1.0
     hidden = weights, np.array([-1.0, -2.0], np.float32)
     output = np.zeros((6, 2), np.float32)
     output[1, 0], output[2, 1] = 1.0, 1.0
@@ -60,8 +60,8 @@ def test_own_calibration_and_limits():
     in_another_order = export(rules(), calibration=np.asfortranarray(codes), max_vehicles=30, **EXTENT)
     assert bytes(in_another_order.table) == bytes(exported.table)
     assert exported.table.max_vehicles == 30
-    tighter = Scenario(settings={"radio.max_power_dbm": 23})
-    assert export(rules(), tighter, **EXTENT).table.max_power_dbm == 23.0
+    wider = Scenario(settings={"radio.sub_channels": 5})
+    assert export(rules(), wider, **EXTENT).table.max_sub_channels == 5 and exported.table.max_sub_channels == 3
 
 
 def changed(layer, part, value):
@@ -97,5 +97,5 @@ def test_bad_calibration_is_named():
         export(rules(), calibration=np.zeros((3, 19), np.int8))
     with pytest.raises(ValueError, match="calibration: found no observations"):
         export(rules(), calibration=np.zeros((0, 20), np.int8))
-    with pytest.raises(ValueError, match="max_vehicles: found 0, expected 1 to 300"):
+    with pytest.raises(ValueError, match="max_vehicles: found 0, expected 1 to 4000"):
         export(rules(), max_vehicles=0)

@@ -3,7 +3,7 @@
 import { Cell, Refusal, load } from "./cell.js";
 import { drawAges, drawOccupancy } from "./charts.js";
 import { drawMap, drawScale, find } from "./map.js";
-import { setText, showCommand, showLegend, showSummaries, showVehicles } from "./tables.js";
+import { placeOf, setText, showCommand, showLegend, showSummaries, showVehicles } from "./tables.js";
 
 const COMPARISONS = ["central", "age-threshold", "aloha"];
 /** What decides where the network does not serve: the rules that it was distilled from. */
@@ -95,7 +95,7 @@ function join(x, y) {
     changed("one more vehicle");
     say("A vehicle joins; it is heard of within 100 slots.");
   } else {
-    say(`No room: the network serves ${state.cell.about.room} vehicles at most.`);
+    say(`No room: the page shows ${state.cell.about.room} vehicles at most.`);
   }
 }
 
@@ -171,7 +171,7 @@ function draw() {
 function drawPictures() {
   const { cell } = state;
   state.vehicles = cell.vehicles();
-  drawMap(canvas, cell.about.scenario, state.vehicles, state.selected);
+  drawMap(canvas, cell.about.scenario, state.vehicles, state.selected, cell.usesRing);
   drawAges(element("age-chart"), cell, state.changes);
   drawOccupancy(element("occupancy"), cell);
 }
@@ -183,7 +183,7 @@ function showTexts() {
   stage.dataset.elapsed = cell.elapsed;
   showSummaries(cell);
   showCommand(cell, { ...wishes(), running: state.running, changes: state.changes });
-  showVehicles(state.vehicles, jam);
+  showVehicles(state.vehicles, cell.usesRing, jam);
   describeSelected();
   const speed = SLOTS_PER_FRAME[element("speed").value];
   const pace = speed < 1 ? `1/${Math.round(1 / speed)}` : String(speed);
@@ -197,8 +197,8 @@ function describeSelected() {
   const vehicle = state.vehicles[state.selected];
   if (!vehicle) return setText(element("vehicle"), "");
   const sent = vehicle.subChannel < 0 ? "silent" : `sent on sub-channel ${vehicle.subChannel + 1}, ${vehicle.received ? "received" : "lost"}`;
-  const jammed = vehicle.jammed ? ", jammed" : "";
-  return setText(element("vehicle"), `Vehicle ${vehicle.index}${jammed}: age ${vehicle.age} ms, ${sent} in the last slot`);
+  const jammed = vehicle.jammed ? ", jammed" : "", place = state.cell.usesRing ? `, place ${placeOf(vehicle)}` : "";
+  return setText(element("vehicle"), `Vehicle ${vehicle.index}${jammed}: age ${vehicle.age} ms${place}, ${sent} in the last slot`);
 }
 
 function say(words) { setText(element("message"), words); }

@@ -29,6 +29,9 @@ export class Cell {
     this.runs = [name, ...this.runs.slice(1)];
   }
 
+  /** Whether the policy in charge goes by the base station's ring. */
+  get usesRing() { return this.about.policies.find(({ name }) => name === this.runs[0]).ring; }
+
   advance(slots) { this.#exports.cell_advance(slots); }
   jam(vehicle, on) { return Boolean(this.#exports.cell_jam(vehicle, on)); }
   join(x, y) { return Boolean(this.#exports.cell_join(x, y)); }
@@ -42,8 +45,8 @@ export class Cell {
     const width = this.about.layout.vehicle_numbers, count = this.#exports.cell_vehicle_count();
     const numbers = this.#view(Float32Array, this.#exports.cell_vehicles(), count * width);
     return Array.from({ length: count }, (_, index) => {
-      const [x, y, age, subChannel, received, jammed] = numbers.subarray(index * width, (index + 1) * width);
-      return { index, x, y, age, subChannel, received: received > 0, jammed: jammed > 0 };
+      const [x, y, age, subChannel, received, jammed, place, called] = numbers.subarray(index * width, (index + 1) * width);
+      return { index, x, y, age, subChannel, received: received > 0, jammed: jammed > 0, place, called: called > 0 };
     });
   }
 
@@ -71,7 +74,7 @@ export class Cell {
     const ring = this.#view(Uint8Array, this.#exports.cell_occupancy(), length * subChannels * width);
     return (slot, subChannel) => {
       const at = ((slot % length) * subChannels + subChannel) * width;
-      return { senders: ring[at], jammed: ring[at + 1], received: ring[at + 2] === nobody ? null : ring[at + 2] };
+      return { senders: ring[at], jammed: ring[at + 1], received: ring[at + 2] === nobody ? null : ring[at + 2], open: ring[at + 3] > 0 };
     };
   }
 

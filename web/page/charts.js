@@ -89,7 +89,7 @@ function line(context, points, colour, dash, width) {
 const SLOT_WIDTH = 15, ROW_GAP = 4;
 
 export function drawOccupancy(canvas, cell) {
-  const elapsed = cell.elapsed, use = cell.occupancy();
+  const elapsed = cell.elapsed, use = cell.occupancy(), ring = cell.usesRing;
   const subChannels = cell.about.scenario.radio.sub_channels;
   paint(canvas, (context, width, height) => {
     const left = 96, row = height / subChannels;
@@ -100,9 +100,13 @@ export function drawOccupancy(canvas, cell) {
       context.fillStyle = colour("line");
       context.fillRect(left, floor, shown * SLOT_WIDTH, 1);
       for (let back = 1; back <= Math.min(shown, elapsed); back += 1) {
-        const slot = use(elapsed - back, n), kind = kindOfUse(slot);
+        const slot = use(elapsed - back, n), kind = kindOfUse(slot), x = left + (shown - back) * SLOT_WIDTH;
+        if (slot.open && ring) {
+          context.fillStyle = colour("open");
+          context.fillRect(x, floor - (row - ROW_GAP), SLOT_WIDTH - 1, row - ROW_GAP);
+        }
         if (kind === null) continue;
-        const x = left + (shown - back) * SLOT_WIDTH, tall = (row - ROW_GAP) * USES[kind].height;
+        const tall = (row - ROW_GAP) * USES[kind].height;
         context.fillStyle = colour(kind);
         context.fillRect(x, floor - tall, SLOT_WIDTH - 1, tall);
         if (slot.received !== null) {

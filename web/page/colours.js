@@ -34,6 +34,9 @@ export const USES = {
   jammed: { name: "only jammed vehicles sent", height: 0.12 },
 };
 
+/** What stands behind a use: the place that the ring brings round is nobody's. */
+export const OPEN = "nobody’s place, open to those who are called";
+
 /** Which of them; null if nobody sent. The jammed are not on the air. */
 export function kindOfUse({ senders, jammed, received }) {
   const onAir = senders - jammed;

@@ -26,7 +26,8 @@ export function find(canvas, scenario, vehicles, x, y) {
   return { vehicle: distances[nearest] <= REACH ? vehicles[nearest] : null, place: map.place(x, y) };
 }
 
-export function drawMap(canvas, scenario, vehicles, selected) {
+/** `ring` says whether the policy in charge goes by the ring: then those who were called are marked. */
+export function drawMap(canvas, scenario, vehicles, selected, ring) {
   const map = projection(canvas, scenario);
   paint(canvas, (context) => {
     drawStreets(context, scenario, map);
@@ -36,7 +37,7 @@ export function drawMap(canvas, scenario, vehicles, selected) {
       if (vehicle.subChannel >= 0 && !vehicle.jammed) drawRay(context, vehicle, map, station);
     }
     drawStation(context, station);
-    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, vehicle.index === selected);
+    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, vehicle.index === selected, ring && vehicle.called);
   });
 }
 
@@ -88,7 +89,7 @@ function drawStation(context, [x, y]) {
   write(context, "base station", x + 16, y - 4, { size: 11, colour: colour("quiet") });
 }
 
-function drawVehicle(context, vehicle, map, selected) {
+function drawVehicle(context, vehicle, map, selected, called) {
   const [x, y] = [map.x(vehicle.x), map.y(vehicle.y)], age = ageColour(vehicle.age);
   const ring = (radius, name, width) => {
     context.strokeStyle = colour(name);
@@ -102,8 +103,9 @@ function drawVehicle(context, vehicle, map, selected) {
   context.arc(x, y, RADIUS, 0, 2 * Math.PI);
   context.fill();
   ring(RADIUS, vehicle.jammed ? "collided" : "rim", vehicle.jammed ? 3 : 1.25);
+  if (called) ring(RADIUS + 2, "called", 2);
   if (selected) ring(RADIUS + 4, "ink", 2);
-  write(context, String(vehicle.age), x, y + 0.5, { size: vehicle.age > 99 ? 9 : 10.5, align: "center", colour: age.ink, weight: 600 });
+  write(context, String(vehicle.age), x, y + 0.5, { size: vehicle.age > 999 ? 6.5 : vehicle.age > 99 ? 9 : 10.5, align: "center", colour: age.ink, weight: 600 });
   if (vehicle.jammed) {
     context.strokeStyle = colour("collided");
     context.lineWidth = 2.5;

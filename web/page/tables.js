@@ -1,7 +1,7 @@
 // What the page says in words and numbers.
 
 import { grouped } from "./canvas.js";
-import { LINES, USES, colour } from "./colours.js";
+import { LINES, OPEN, USES, colour } from "./colours.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -66,19 +66,24 @@ export function showCommand(cell, { seed, settings, running, changes }) {
   element("command").parentElement.hidden = !possible;
 }
 
-export function showVehicles(vehicles, jam) {
+/** A vehicle's place in the ring, in words. */
+export const placeOf = ({ place, called }) => (place < 0 ? "none" : String(place)) + (called ? ", called" : "");
+
+/** `ring` says whether the policy in charge goes by the ring. */
+export function showVehicles(vehicles, ring, jam) {
   if (!element("vehicle-table").open) return;
   const create = (index) => {
     const button = make("button", { type: "button" });
     button.addEventListener("click", () => jam(index));
-    return make("tr", {}, make("th", { scope: "row", textContent: String(index) }), make("td"), make("td"), make("td"), make("td", {}, button));
+    return make("tr", {}, make("th", { scope: "row", textContent: String(index) }), make("td"), make("td"), make("td"), make("td"), make("td", {}, button));
   };
   rows(element("vehicle-rows"), vehicles.length, create).forEach((row, index) => {
-    const { age, subChannel, received, x, y, jammed } = vehicles[index];
+    const { age, subChannel, received, x, y, jammed, place, called } = vehicles[index];
     setText(row.cells[1], `${age} ms`);
     setText(row.cells[2], subChannel < 0 ? "silent" : `sub-channel ${subChannel + 1}, ${received ? "received" : "lost"}`);
-    setText(row.cells[3], `${x.toFixed(0)}, ${y.toFixed(0)} m`);
-    const button = row.cells[4].firstElementChild;
+    setText(row.cells[3], ring ? placeOf({ place, called }) : "–");
+    setText(row.cells[4], `${x.toFixed(0)}, ${y.toFixed(0)} m`);
+    const button = row.cells[5].firstElementChild;
     setText(button, jammed ? "Free" : "Jam");
     button.setAttribute("aria-label", `${jammed ? "Free" : "Jam"} vehicle ${index}`);
   });
@@ -91,5 +96,6 @@ export function showLegend() {
     sample.style.height = `${13 * height}px`;
     return make("li", {}, sample, name);
   });
+  items.push(make("li", {}, make("span", { className: "use open" }), OPEN));
   element("legend").replaceChildren(...items);
 }

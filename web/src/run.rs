@@ -17,7 +17,7 @@ pub struct Run {
     decider: Decider<'static>,
     decisions: Decisions,
     counter: AgeCounter,
-    /// Mean over vehicles after each of the last slots: a slot's place is its index modulo [`HISTORY_SLOTS`].
+    /// Mean over vehicles of ages, each at most 100 slots, after each of the last slots: a slot's place is its index modulo [`HISTORY_SLOTS`].
     history_ms: Vec<f32>,
 }
 
@@ -93,7 +93,7 @@ impl Run {
         let ages = environment
             .present()
             .iter()
-            .map(|&vehicle| environment.age(0, vehicle));
+            .map(|&vehicle| environment.age(0, vehicle).min(Age::TIME_CONSTRAINT));
         let sum: u32 = ages.map(|age: Age| u32::from(age.slots())).sum();
         self.history_ms[slot as usize % HISTORY_SLOTS] = sum as f32 / environment.present().len() as f32;
     }

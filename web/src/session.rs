@@ -1,11 +1,13 @@
 //! What the page shows: one world under the visitor's policy, and the same world under others to compare.
 
 use crate::run::{HISTORY_SLOTS, Run};
+use firmware::observation::Observation;
+use firmware::ring::Open;
 use firmware::table::Table;
 use host_sim::age::ideal_age_ms;
 use host_sim::environment::Environment;
 use host_sim::mobility::Grid;
-use host_sim::policy::{KINDS, Kind};
+use host_sim::policy::{KINDS, Kind, actor, clock};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::stream::Purpose;
 use kit::choice::Choice as _;
@@ -22,16 +24,17 @@ const MOST_SLOTS: u32 = 40_000_000;
 /// Slots whose use of the sub-channels is kept for drawing (chosen).
 const OCCUPANCY_SLOTS: usize = 256;
 
-/// Bytes for one sub-channel in one slot: how many sent, how many of them were jammed, and whom the base station received
-/// ([`NOBODY`] if none).
-const USE_BYTES: usize = 3;
+/// Bytes for one sub-channel in one slot: how many sent, how many of them were jammed, whom the base station received
+/// ([`NOBODY`] if none), and 1 or 0 for: its place in the ring was nobody's, so that anybody might contend there.
+const USE_BYTES: usize = 4;
 
 /// No vehicle.
 const NOBODY: u8 = u8::MAX;
 
 /// Numbers for one vehicle: x and y in metres, its age in slots, the sub-channel that it sent on in the slot before (-1 if
-/// none), and 1 or 0 for: received in the slot before, jammed.
-const VEHICLE_NUMBERS: usize = 6;
+/// none), 1 or 0 for: received in the slot before, jammed; its place in the ring as it knows it (-1 if none), and 1 or 0 for: called to
+/// contend in the slot before.
+const VEHICLE_NUMBERS: usize = 8;
 
 /// Numbers for one run: mean age in ms, 99th percentile, successes a slot; not a number before the first slot that counts.
 const SUMMARY_NUMBERS: usize = 3;
@@ -59,6 +62,8 @@ pub struct Session {
     names: Vec<&'static Kind>,
     /// By vehicle.
     jammed: Vec<bool>,
+    /// Who was called to contend in the visitor's run in the slot before, by vehicle.
+    called: Vec<bool>,
     /// Ages count from this slot on.
     count_from: u32,
     /// `[slot modulo OCCUPANCY_SLOTS][sub_channel][USE_BYTES]` of the visitor's run.
@@ -111,6 +116,7 @@ impl Session {
             table,
             names,
             jammed: vec![false; room],
+            called: vec![false; room],
             count_from: WARMUP_SLOTS,
             occupancy: vec![0; OCCUPANCY_SLOTS * slot_bytes],
             vehicles: Vec::new(),
@@ -121,9 +127,15 @@ impl Session {
 
     /// What the page needs to know once: scenario, policies that can serve it, and how the views are laid out.
     pub fn description(&self) -> Value {
+        let rings = [&actor::KIND, &clock::KIND];
         let policies = KINDS.iter().map(|policy| {
             let refused = policy.check(self.scenario, self.jammed.len(), self.table).err();
-            json!({ "name": policy.name, "meaning": policy.meaning, "refused": refused.map(|error| error.to_string()) })
+            json!({
+                "name": policy.name,
+                "meaning": policy.meaning,
+                "ring": rings.contains(policy),
+                "refused": refused.map(|error| error.to_string()),
+            })
         });
         let policies: Vec<Value> = policies.collect();
         json!({
@@ -167,8 +179,10 @@ impl Session {
     pub fn advance(&mut self, slots: u32) {
         for _ in 0..slots.min(MOST_SLOTS.saturating_sub(self.elapsed())) {
             let slot = self.elapsed();
+            let open = Open(self.runs[0].environment().broadcasts(0).open()[0]);
+            self.record_calls(open);
             self.runs.iter_mut().for_each(|run| run.step(&self.jammed));
-            self.record_use(slot);
+            self.record_use(slot, open);
         }
     }
 
@@ -213,7 +227,7 @@ impl Session {
 
     /// The vehicles of the visitor's run.
     pub fn vehicles(&mut self) -> &[f32] {
-        let (run, jammed) = (&self.runs[0], &self.jammed);
+        let (run, jammed, called) = (&self.runs[0], &self.jammed, &self.called);
         let (environment, decisions) = (run.environment(), run.decisions());
         self.vehicles.clear();
         for &(vehicle, place) in environment.places(0) {
@@ -225,6 +239,8 @@ impl Session {
                 sent_on,
                 f32::from(u8::from(environment.received(0, vehicle))),
                 f32::from(u8::from(jammed[vehicle])),
+                known_place(environment, vehicle),
+                f32::from(u8::from(called[vehicle])),
             ]);
         }
         &self.vehicles
@@ -258,14 +274,30 @@ impl Session {
         self.runs.iter_mut().for_each(|run| run.count_from(from));
     }
 
-    fn record_use(&mut self, slot: u32) {
+    /// Takes in whom the base station calls in the slot that begins; where nothing is open it calls nobody.
+    fn record_calls(&mut self, open: Open) {
+        self.called.fill(false);
+        if open == Open::default() {
+            return;
+        }
+        let environment = self.runs[0].environment();
+        for &vehicle in environment.present() {
+            self.called[vehicle] = environment.measurement(0, vehicle).is_some_and(|measurement| {
+                let observation = Observation::new(&measurement, environment.identity(0, vehicle));
+                observation.quantities().is_called()
+            });
+        }
+    }
+
+    fn record_use(&mut self, slot: u32, open: Open) {
         let (environment, decisions) = (self.runs[0].environment(), self.runs[0].decisions());
         let sub_channels = environment.sub_channels();
         let slot_bytes = sub_channels * USE_BYTES;
         let first = slot as usize % OCCUPANCY_SLOTS * slot_bytes;
         let uses = &mut self.occupancy[first..first + slot_bytes];
-        uses.chunks_exact_mut(USE_BYTES)
-            .for_each(|bytes| bytes.copy_from_slice(&[0, 0, NOBODY]));
+        for (sub_channel, bytes) in uses.chunks_exact_mut(USE_BYTES).enumerate() {
+            bytes.copy_from_slice(&[0, 0, NOBODY, u8::from(open.contains(sub_channel))]);
+        }
         for &vehicle in environment.present() {
             let Some((sub_channel, _)) = decisions.transmission(0, vehicle) else {
                 continue;
@@ -278,4 +310,11 @@ impl Session {
             }
         }
     }
+}
+
+/// A vehicle's place in the ring as it knows it, -1 if it has none.
+fn known_place(environment: &Environment<'_>, vehicle: usize) -> f32 {
+    let (places, _) = environment.senses(0, vehicle).places();
+    // No place is the last of all codes.
+    f32::from(places[0].cast_signed())
 }
