@@ -184,12 +184,12 @@ fn vehicles_join_and_are_jammed_by_mouse_and_keyboard() {
     page.press("ArrowRight");
     page.press("Enter");
     let cell = |n: u32| format!("document.querySelector('#vehicle-rows tr td:nth-child({n})').textContent");
-    page.wait_for(&format!("{} === 'Free'", cell(5)));
-    page.wait_for(&format!("{} === '100 ms'", cell(2)));
+    page.wait_for(&format!("{} === 'Free'", cell(6)));
+    page.wait_for(&format!("Number.parseInt({}) > 100", cell(2)));
     page.press("Enter");
     page.wait_for(&format!(
         "{} === 'Jam' && Number.parseInt({}) < 50",
-        cell(5),
+        cell(6),
         cell(2)
     ));
     page.press(" ");
@@ -221,7 +221,7 @@ fn any_setting_leaves_a_running_cell() {
     runs();
     page.set("seed", "1");
     page.set("speed", "7");
-    for vehicles in ["1", "3", "72"] {
+    for vehicles in ["1", "3", "72", "255"] {
         for c_min in ["1", "2.5", "3", "6"] {
             page.set("vehicles", vehicles);
             page.set("c-min", c_min);

@@ -2,11 +2,13 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::link::{ModemFrame, Receiver, UnitFrame, encode};
+use firmware::lots::Identity;
+use firmware::ring::MAX_PLACES;
 use firmware::table::Table;
 use firmware::tables::DISTILLED;
-use firmware::unit::{Unit, back_off};
+use firmware::unit::{Event, Unit};
 use rand_core::Rng;
-use rand_pcg::{Pcg32, Pcg64Mcg};
+use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use system_tests::qemu::Qemu;
@@ -21,7 +23,7 @@ const SILENCE: Duration = Duration::from_millis(300);
 /// The library behind the same bytes.
 struct Reference {
     receiver: Receiver,
-    unit: Unit<'static, Pcg32>,
+    unit: Unit<'static>,
 }
 
 impl Reference {
@@ -29,7 +31,7 @@ impl Reference {
         Self {
             receiver: Receiver::default(),
             // The emulated chip's identity reads 0.
-            unit: Unit::new(DISTILLED, back_off([0; 3])),
+            unit: Unit::new(DISTILLED, Identity::of_device([0; 3])),
         }
     }
 
@@ -78,13 +80,15 @@ impl Recording {
     }
 
     fn invalid(&mut self, frame: &ModemFrame) -> ModemFrame {
-        let ModemFrame::Measurement(mut frame) = *frame else {
-            return *frame;
+        let ModemFrame::Measurement(mut frame) = frame.clone() else {
+            return frame.clone();
         };
-        match below(&mut self.rng, 4) {
-            0 => frame.home = 3,
-            1 => frame.period = 0,
-            2 => frame.interference[1] = -1,
+        match below(&mut self.rng, 6) {
+            0 => frame.places = MAX_PLACES + 1,
+            1 => frame.places = frame.gain.len() as u16 - 1,
+            2 => frame.interference[0] = -1,
+            3 => frame.gain.clear(),
+            4 => drop(frame.interference.pop()),
             _ => frame.last_acknowledged = Some(frame.slot),
         }
         ModemFrame::Measurement(frame)
@@ -95,7 +99,7 @@ impl Recording {
         match below(&mut self.rng, 3) {
             0 => bytes[position] ^= 1 << below(&mut self.rng, 8),
             1 => drop(bytes.remove(position)),
-            _ => bytes.splice(position..position, [0xa5; 70]).for_each(drop),
+            _ => bytes.splice(position..position, [0xa5; 140]).for_each(drop),
         }
         bytes
     }
@@ -165,6 +169,31 @@ fn ten_thousand_frames_give_the_librarys_answers() {
     unit.assert_stack_is_within_budget();
 }
 
+/// The number that the modem tells decides the image's lots as it does the library's.
+#[test]
+fn the_image_draws_its_lots_under_the_number_that_it_is_told() {
+    valid_table();
+    let mut unit = Qemu::boot(image::elf());
+    let mut rng = Pcg64Mcg::new(12);
+    let mut others = 0;
+    for (round, number) in [0x1234_5678, 0, u32::MAX].into_iter().enumerate() {
+        unit.send(&wire(&ModemFrame::Identity { number }));
+        let mut named = Unit::new(DISTILLED, Identity(number));
+        let mut unnamed = Unit::new(DISTILLED, Identity::of_device([0; 3]));
+        for slot in 0..300 {
+            let measurement = random_measurement(&mut rng, round as u32 * 1_000 + slot);
+            unit.send(&wire(&ModemFrame::Measurement((&measurement).into())));
+            let [expected, other] = [&mut named, &mut unnamed].map(|unit| {
+                unit.slot(&Event::Measured(measurement))
+                    .map(|report| UnitFrame::from(&report))
+            });
+            assert_eq!(unit.receive(ANSWER_LIMIT), expected);
+            others += u32::from(other != expected);
+        }
+    }
+    assert!(others > 10, "the number changes hardly a decision: {others}");
+}
+
 #[test]
 fn invalid_fields_get_no_answer() {
     let mut unit = Qemu::boot(image::elf());
@@ -173,14 +202,16 @@ fn invalid_fields_get_no_answer() {
     else {
         unreachable!()
     };
-    let mut frames = [good; 5];
-    frames[0].home = 3;
-    frames[1].period = 0;
-    frames[2].period = 101;
-    frames[3].interference = [-1; 3];
-    frames[4].last_acknowledged = Some(6);
+    let mut frames: [_; 6] = std::array::from_fn(|_| good.clone());
+    frames[0].places = 0;
+    frames[1].places = MAX_PLACES + 1;
+    frames[2].gain.clear();
+    frames[3].interference.clear();
+    frames[4].interference[0] = -1;
+    frames[5].last_acknowledged = Some(6);
     for frame in frames {
-        unit.send(&wire(&ModemFrame::Measurement(frame)));
+        let frame = ModemFrame::Measurement(frame);
+        unit.send(&wire(&frame));
         assert_eq!(unit.receive(SILENCE), None, "{frame:?}");
     }
     unit.send(&wire(&ModemFrame::Measurement(good)));
@@ -199,7 +230,7 @@ fn a_unit_with_a_damaged_table_stays_silent() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("damaged");
     let last = DISTILLED.len() - 1;
-    // The magic, the version, the full power, some weight, the checksum.
+    // The magic, the version, a reserved byte, some weight, the checksum.
     for (position, bit) in [(0, 0), (4, 1), (16, 7), (last / 2, 3), (last, 6)] {
         let mut damaged = elf.clone();
         damaged[table + position] ^= 1 << bit;

@@ -13,8 +13,9 @@ pub mod table_builder;
 
 pub use noise::below;
 
-use firmware::measurement::{Broadcast, Measurement};
-use firmware::units::{Age, JoinerProbability, Level, Period, SlotIndex, SubChannel};
+use firmware::measurement::{Broadcast, Measurement, Place, Readings};
+use firmware::ring::{MAX_PLACES, Open, Ring};
+use firmware::units::{Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannels, Weight};
 use rand_core::Rng;
 use std::path::PathBuf;
 
@@ -34,9 +35,18 @@ pub fn program(name: &str) -> PathBuf {
     path
 }
 
-/// A valid measurement of `slot`, spread over everything that a cell brings: gains from -10 to 70 dB (and now and then any
-/// level at all), interference up to 40 dB, every age, home and period.
+/// A valid measurement of `slot` in a cell of any number of sub-channels.
 pub fn random_measurement(rng: &mut impl Rng, slot: u32) -> Measurement {
+    let count = 1 + below(rng, MAX_SUB_CHANNELS as u32);
+    random_measurement_on(rng, slot, count as usize)
+}
+
+/// A valid measurement of `slot` in a cell of so many sub-channels, spread over everything that it brings: gains from -10 to 70 dB (and now
+/// and then any level at all), interference up to 40 dB, every age, place and threshold.
+///
+/// # Panics
+/// If there is no such cell.
+pub fn random_measurement_on(rng: &mut impl Rng, slot: u32, sub_channels: usize) -> Measurement {
     let wild = below(rng, 16) == 0;
     let level = |rng: &mut _, lowest: i32, highest: i32| {
         let (lowest, highest) = if wild {
@@ -51,21 +61,34 @@ pub fn random_measurement(rng: &mut impl Rng, slot: u32) -> Measurement {
     let acknowledged = match below(rng, 10) {
         0 => None,
         1 => Some(1 + below(rng, 100_000)),
-        _ => Some(1 + below(rng, u32::from(Age::MAX.slots()))),
+        _ => Some(1 + below(rng, 100)),
     };
-    let broadcast = Broadcast {
-        home: SubChannel::new(below(rng, 3) as u8).unwrap(),
-        period: Period::new(1 + below(rng, 30) as u8).unwrap(),
-        joiner_probability: JoinerProbability::from_code(below(rng, 256) as u8),
-    };
-    let gain = std::array::from_fn(|_| level(rng, -10, 70));
-    let interference = std::array::from_fn(|_| level(rng, 0, 40));
-    Measurement::new(
-        SlotIndex(slot),
-        gain,
-        interference,
-        acknowledged.map(|slots| SlotIndex(slot.wrapping_sub(slots))),
-        broadcast,
-    )
+    let gain: Vec<Level> = (0..sub_channels).map(|_| level(rng, -10, 70)).collect();
+    let interference: Vec<Level> = (0..sub_channels).map(|_| level(rng, 0, 40)).collect();
+    let least = sub_channels as u32;
+    let most = if wild { u32::from(MAX_PLACES) + 1 } else { 60 };
+    let places = least + below(rng, most - least);
+    let place = (below(rng, 4) > 0).then(|| Place {
+        index: below(rng, places) as u16,
+        assigned: below(rng, 2) == 0,
+    });
+    Measurement::new(&Readings {
+        slot: SlotIndex(slot),
+        gain: &gain,
+        interference: &interference,
+        last_acknowledged: acknowledged.map(|slots| SlotIndex(slot.wrapping_sub(slots))),
+        place,
+        weight: Weight(below(rng, 256) as u8),
+        awaits_acknowledgement: below(rng, 4) == 0,
+        broadcast: Broadcast {
+            ring: Ring::new(places as u16, SubChannels::new(sub_channels).unwrap()).unwrap(),
+            open: Open(below(rng, 1 << 16) as u16),
+            // Priorities are below 2^27.
+            threshold: rng.next_u32() >> below(rng, 32),
+            salt: below(rng, 256) as u8,
+            gains_hold: below(rng, 2) == 0,
+            max_power: Dbm::from_bits(below(rng, 40 << 8) as i16),
+        },
+    })
     .unwrap()
 }
