@@ -1,6 +1,6 @@
 //! Learns actor networks around the simulator's cell and the firmware's encoding, quantises them and exports weight tables.
 //!
-//! [`distil`] imitates the AoI clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
+//! [`distil`] imitates the ring clock in a small [`network`]; [`quantise`] turns it into the firmware's integers and says
 //! what that changed; [`export`] writes tables and files; [`evaluate`] compares float and int8 on held-out worlds.
 
 pub mod actor_file;

@@ -16,7 +16,7 @@ struct CommandLine {
 enum Command {
     /// Updates per second of the paper's algorithm at the paper's sizes
     Bench(command::bench::BenchArguments),
-    /// Distil the AoI clock into a small int8 network
+    /// Distil the ring clock into a small int8 network
     Distil(command::distil::DistilArguments),
     /// Run a learning algorithm
     Train(command::train::TrainArguments),

@@ -142,7 +142,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         say!("{report}");
     } else {
         say!(
-            "Distilled the AoI clock in {seconds:.1} s: {} bytes, cross entropy {:.5}.\n\
+            "Distilled the ring clock in {seconds:.1} s: {} bytes, cross entropy {:.5}.\n\
              On {} held-out worlds x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.\n\
              Written to {}.",
             made.table.bytes().len(),

@@ -1,4 +1,4 @@
-//! Distillation: a small network imitates the AoI clock by dataset aggregation (DAgger, Ross et al. 2011). The learner
+//! Distillation: a small network imitates the ring clock by dataset aggregation (DAgger, Ross et al. 2011). The learner
 //! drives the cells, the clock says what it should have done there.
 
 pub mod table;
