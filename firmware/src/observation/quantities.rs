@@ -78,7 +78,7 @@ pub struct Quantities {
     pub sub_channels: i32,
     /// Places of the ring.
     pub places: i32,
-    /// [`places_reciprocal`] of them.
+    /// [`places_reciprocal`](crate::reciprocal::places_reciprocal) of them.
     pub places_reciprocal: i32,
     /// The ring's [`frame`](crate::ring::Ring::frame).
     pub frame: i32,
