@@ -27,6 +27,10 @@ const TIMER_STEPS_PER_INSTRUCTION: u32 = 1 << INSTRUCTION_SHIFT;
 /// For one answer. An answer takes well under a millisecond; the machine may be loaded.
 const ANSWER_LIMIT: Duration = Duration::from_secs(30);
 
+/// How often an image is asked for its last answer's count, and how long apart (chosen).
+const COUNT_TRIES: u32 = 100;
+const COUNT_PAUSE: Duration = Duration::from_millis(5);
+
 /// What is run.
 #[derive(Clone, Debug)]
 pub struct Fleet<'a> {
@@ -166,18 +170,29 @@ impl Fleet<'_> {
         })
     }
 
+    /// What an image has counted so far.
+    fn slot_cost(&self, image: &mut Emulator) -> Result<[u32; 4]> {
+        let bytes = image.memory(self.image.slot_cost, 16)?;
+        match bytes.as_chunks::<4>().0 {
+            [answers, minimum, maximum, misses] => {
+                Ok([answers, minimum, maximum, misses].map(|word| u32::from_le_bytes(*word)))
+            }
+            _ => Err(Error::input("SLOT_COST", bytes.len(), "16 bytes")),
+        }
+    }
+
     /// Adds what an image has counted: answers, fewest and most timer steps, missed deadlines.
     fn add_cost(&self, image: &mut Emulator, result: &mut FleetResult) -> Result<()> {
-        let bytes = image.memory(self.image.slot_cost, 16)?;
-        let words: Vec<u32> = bytes
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|word| u32::from_le_bytes(*word))
-            .collect();
-        let [answers, minimum, maximum, misses] = words.as_slice() else {
-            return Err(Error::input("SLOT_COST", bytes.len(), "16 bytes"));
-        };
+        let mut words = self.slot_cost(image)?;
+        for _ in 0..COUNT_TRIES {
+            // An image counts an answer after it has sent it.
+            if words[0] >= self.slots {
+                break;
+            }
+            std::thread::sleep(COUNT_PAUSE);
+            words = self.slot_cost(image)?;
+        }
+        let [answers, minimum, maximum, misses] = &words;
         result.answers += u64::from(*answers);
         result.deadline_misses += u64::from(*misses);
         result.min_instructions = result.min_instructions.min(minimum / TIMER_STEPS_PER_INSTRUCTION);
