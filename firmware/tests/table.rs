@@ -153,7 +153,7 @@ fn every_refusal_names_its_field() {
         (refusal(|c| c.padding = 1), "padding: found 1, expected 0"),
         (
             refusal(|c| c.start_error = 1),
-            "start of sums: found -18459, expected -18460",
+            "start of sums: found 1337758, expected 1337757",
         ),
         (
             // The largest even row of 5 hidden inputs: 5 x 255 x 127 and the bias; one more does not fit.

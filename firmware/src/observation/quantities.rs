@@ -171,7 +171,8 @@ impl Quantities {
     /// gains do not hold, so that a lower one cannot be aimed at.
     #[inline(always)]
     pub const fn level(&self) -> i32 {
-        if self.gains_hold > 0 { self.lot & 3 } else { 3 }
+        // Bits and no branch.
+        self.lot & 3 | 1_i32.wrapping_sub(self.gains_hold).wrapping_mul(3)
     }
 
     /// How far the priority is above the threshold, in sixteenths of a doubling.
