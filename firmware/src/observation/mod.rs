@@ -11,7 +11,7 @@ use crate::measurement::{Broadcast, Measurement, Place};
 use crate::ring::{carrier, hop};
 use crate::units::{Age, Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannel, Weight};
 use quantities::{flag, gain_code, interference_code, saturate};
-pub use quantities::{liking, until_turn};
+pub use quantities::{liking, place_lost, until_turn};
 
 /// Sub-channels of a cell whose actors see and choose all of them one by one: the paper's Table I.
 pub const PAPER_SUB_CHANNELS: usize = 3;

@@ -130,11 +130,10 @@ impl Quantities {
         self.older_than(3)
     }
 
-    /// Whether the vehicle has no turn: no place, or one that it found by itself and lost again. It is lost without success for seven
-    /// frames and [`LEAST_KEPT`] slots (chosen; measured best from 5 to 60 vehicles).
+    /// Whether the vehicle has no turn: no place, or one that it found by itself and lost again ([`place_lost`]).
     #[inline(always)]
     pub const fn turn_lost(&self) -> bool {
-        let lost = self.older_than(7) & (self.age > LEAST_KEPT);
+        let lost = place_lost(self.age, self.sub_channels, self.places);
         (self.place < 0) | ((self.assigned == 0) & lost)
     }
 
@@ -221,6 +220,13 @@ impl Quantities {
             flag(self.level() > 2),
         ]
     }
+}
+
+/// Whether a place that a vehicle found by itself is lost, for it and for the base station alike: without success for seven frames and
+/// [`LEAST_KEPT`] slots (chosen; measured best from 5 to 60 vehicles).
+#[inline(always)]
+pub const fn place_lost(age: i32, sub_channels: i32, places: i32) -> bool {
+    (age.wrapping_mul(sub_channels) > places.wrapping_mul(7)) & (age > LEAST_KEPT)
 }
 
 /// How much a vehicle likes an open sub-channel: by its gain if gains still hold, otherwise by its lot and the broadcast salt, so that the

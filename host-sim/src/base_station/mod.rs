@@ -11,7 +11,7 @@ use book::Book;
 use calls::Caller;
 use firmware::lots::Identity;
 use firmware::measurement::Broadcast;
-use firmware::observation::LEAST_KEPT;
+use firmware::observation::place_lost;
 use firmware::ring::{MAX_PLACES, Open, Ring, carrier, hop};
 use firmware::units::{Dbm, SlotIndex, SubChannels, Weight};
 use rand_core::Rng;
@@ -435,11 +435,8 @@ impl BaseStation {
             ring,
             ..
         } = &self.announcements;
-        let places = ring.places();
-        let age = usize::from(ages.get(world, vehicle));
-        // As `Quantities::turn_lost` has it.
-        let late = age * sub_channels > 7 * usize::from(places.get(world, 0));
-        let lost = late && age > LEAST_KEPT as usize;
+        let (age, places) = (ages.get(world, vehicle), ring.places().get(world, 0));
+        let lost = place_lost(age.into(), *sub_channels as i32, places.into());
         told.get(world, vehicle) > 0 || (found.get(world, vehicle) != NO_PLACE && !lost)
     }
 
