@@ -49,6 +49,7 @@ pub mod experiment;
 #[cfg(feature = "program")]
 pub mod hil;
 pub mod imperfections;
+pub mod journeys;
 pub mod lanes;
 pub mod mobility;
 pub mod neighbours;
