@@ -1,398 +1,334 @@
-//! The closed loop from slot to street: incidents take capacity, vehicles report it, the base station plans routes on what
-//! it last heard, traffic meets what is true.
+//! The closed loop from slot to street: what travellers lose because the base station does not see every road, sees it late,
+//! has to make sure, and is not obeyed by all.
 //!
-//! Vehicles drive on the grid or on a loaded network ([`Roads`]). In every slot in which one is received, the base station
-//! learns the true capacity of the block that it drives on, in both directions. Of a block without a report it believes what it last heard, at first the full capacity.
-//! Every planning period it assigns all trips anew (user equilibrium on believed capacities). The regret is what those
-//! routes cost a trip on the true capacities beyond what routes planned on the truth would.
+//! Trips, incidents and tastes of a world are the same in every case; a case is an hour with one thing more in the way
+//! ([`Loss`]). What is lost to a thing is the mean trip time with it less that without, paired by world.
 
-use crate::age::{AgeSummary, WorldAges};
-use crate::capacity::TrafficState;
-use crate::environment::Environment;
+use crate::age::AgeSummary;
+use crate::journeys::delays::{Delays, Fixed};
+use crate::journeys::hour::{self, Case, Outcome, Sight};
+use crate::journeys::incidents::Incidents;
+use crate::journeys::queues::Queues;
+use crate::journeys::radio_seconds::{self, Moment, RadioSecond, Sampled};
+use crate::journeys::town::Town;
+use crate::journeys::trips::{self, Trip};
+use crate::journeys::{OnRoad, TrafficModel};
 use crate::policy::Kind;
-use crate::roads::Roads;
-use crate::scenario::PlanningScenario;
-use crate::simulation::{Simulation, run_worlds};
-use crate::stream::{Purpose, Role, Stream, WorldKey};
-use assignment::Network;
+use crate::scenario::Scenario;
+use crate::stream::{Purpose, Role, WorldKey};
 use firmware::table::Table;
-use kit::error::{Error, Result};
+use kit::error::Result;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What a plan is made on and what comes of it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Plan {
-    /// Slots since the last report of a block, mean over blocks; a block never reported counts from the start.
-    pub road_age_ms: f64,
-    /// Believed less true capacity, mean of magnitudes over roads, in vehicles per hour.
-    pub capacity_error_veh_per_h: f64,
-    /// Flow over true capacity, mean over roads.
-    pub v_over_c: f64,
-    /// Mean time of a trip in s.
-    pub trip_time_s: f64,
-    /// Beyond what routes planned on the truth take, in s.
-    pub regret_s_per_trip: f64,
+/// A mean over worlds, and half the width of its 95 % interval where there are several.
+pub type Mean = (f64, Option<f64>);
+
+/// What a loop is about.
+#[derive(Clone, Copy, Debug)]
+pub struct LoopOptions<'o> {
+    /// The cell and what happens on the roads.
+    pub scenario: &'o Scenario,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Independent hours.
+    pub worlds: u32,
+    /// Who decides about the radio.
+    pub policies: &'o [&'static Kind],
+    /// The actor's table.
+    pub table: &'o Table<'o>,
+    /// Delays of knowledge to look at besides, in s.
+    pub delays_s: &'o [f64],
 }
 
-/// One policy over all worlds.
+/// Makes the traffic of a world; several may run at once.
+pub type BuildTraffic<'b> =
+    dyn for<'m> Fn(&'m Town, &'m Incidents, u64) -> Result<Box<dyn TrafficModel + 'm>> + Sync + 'b;
+
+/// The built-in traffic.
+pub fn built_in<'m>(
+    town: &'m Town,
+    incidents: &'m Incidents,
+    _seed: u64,
+) -> Result<Box<dyn TrafficModel + 'm>> {
+    Ok(Box::new(Queues::new(town.map(), incidents)))
+}
+
+/// One case over all worlds.
 #[derive(Clone, Debug)]
-pub struct LoopResult {
-    /// The policy; `None` is full knowledge, which plans on the truth.
-    pub policy: Option<&'static Kind>,
-    /// Its ages; `None` for full knowledge.
-    pub ages: Option<AgeSummary>,
-    /// Means over worlds and plans.
-    pub mean: Plan,
-    /// Half the width of the 95 % interval of the mean regret over worlds.
-    pub regret_ci95_s_per_trip: Option<f64>,
-    /// Regret beyond that of the policy with the least mean age, on the same worlds: mean and half width of its 95 %
-    /// interval. Most regret is common to all policies, so this is what tells them apart. `None` for full knowledge.
-    pub beyond_freshest_s_per_trip: Option<(f64, Option<f64>)>,
-    /// Means over worlds, plan by plan.
-    pub over_time: Vec<Plan>,
+pub struct CaseResult {
+    /// Mean trip time in s.
+    pub trip_time_s: Mean,
+    /// Mean time since a road's newest known report, in s.
+    pub road_age_s: f64,
+    /// Flow over capacity, mean over roads.
+    pub v_over_c: f64,
+    /// Share of trips that had not arrived at the end.
+    pub unfinished: f64,
+    /// Vehicles that stood for long enough to be let through into a full road, for each trip.
+    pub let_through: f64,
+    /// Each world's mean trip time in s.
+    by_world: Vec<f64>,
 }
 
-/// All policies on the same worlds and incidents.
+impl CaseResult {
+    fn new(outcomes: &[Outcome]) -> Self {
+        let count = outcomes.len() as f64;
+        let mean = |value: fn(&Outcome) -> f64| outcomes.iter().map(value).sum::<f64>() / count;
+        let by_world: Vec<f64> = outcomes.iter().map(|outcome| outcome.trip_time_s).collect();
+        Self {
+            trip_time_s: AgeSummary::mean_and_interval(&by_world),
+            road_age_s: mean(|outcome| outcome.road_age_s),
+            v_over_c: mean(|outcome| outcome.v_over_c),
+            unfinished: mean(|outcome| f64::from(outcome.unfinished) / f64::from(outcome.trips)),
+            let_through: mean(|outcome| outcome.let_through as f64 / f64::from(outcome.trips)),
+            by_world,
+        }
+    }
+
+    /// How much longer a trip takes than in another case, in s, paired by world.
+    pub fn beyond(&self, other: &Self) -> Mean {
+        let worlds = self.by_world.iter().zip(&other.by_world);
+        let differences: Vec<f64> = worlds.map(|(own, other)| own - other).collect();
+        AgeSummary::mean_and_interval(&differences)
+    }
+}
+
+/// What a trip loses to one thing, each beyond the ones before, in s.
+#[derive(Clone, Copy, Debug)]
+pub struct Loss {
+    /// Not everybody follows advice.
+    pub obedience: Mean,
+    /// Roads without a connected vehicle are not seen.
+    pub coverage: Mean,
+    /// A vehicle tells its own speed, and the detector waits for several.
+    pub detection: Mean,
+    /// Reports come as late as under the policy of the least age.
+    pub radio: Mean,
+    /// Reports come as late as under this policy.
+    pub protocol: Mean,
+}
+
+/// A policy's result.
+#[derive(Clone, Debug)]
+pub struct PolicyResult {
+    /// The policy.
+    pub policy: &'static Kind,
+    /// Its ages in the played seconds; `None` if nobody was ever connected.
+    pub ages: Option<AgeSummary>,
+    /// Traffic under it.
+    pub result: CaseResult,
+}
+
+/// All cases on the same worlds.
 #[derive(Clone, Debug)]
 pub struct LoopSummary {
-    /// Slots after the start at which plans were made.
-    pub plan_slots: Vec<u32>,
-    /// By policy; full knowledge comes last.
-    pub results: Vec<LoopResult>,
-    /// What one ms of mean age costs a trip, in s: slope of regret over mean age across policies, mean over worlds.
-    /// `None` for fewer than two policies.
-    pub cost_s_per_trip_and_ms: Option<(f64, Option<f64>)>,
+    /// Everything is known at once and everybody follows advice.
+    pub all_obey: CaseResult,
+    /// Everything is known at once.
+    pub full_knowledge: CaseResult,
+    /// The true speed of every road that a connected vehicle drives on is known at once.
+    pub covered: CaseResult,
+    /// Reports are heard at once.
+    pub detected: CaseResult,
+    /// By policy.
+    pub policies: Vec<PolicyResult>,
+    /// Nobody is advised.
+    pub no_information: CaseResult,
+    /// By delay in s.
+    pub delayed: Vec<(f64, CaseResult)>,
+    /// Vehicles on the roads, mean.
+    pub vehicles: f64,
+    /// Connected vehicles in a cell at the samples: mean over cells with any, and most.
+    pub connected_in_cell: (f64, usize),
 }
 
-/// Capacity lost on one block over time: alternating exponential times without and with an incident.
-struct Incidents {
-    /// First slot and the one after the last, ascending.
-    spans: Vec<(f64, f64)>,
-}
-
-impl Incidents {
-    fn draw(planning: &PlanningScenario, slots: u32, mut stream: Stream) -> Self {
-        let mut spans = Vec::new();
-        let mut time = 0.0;
-        while time < f64::from(slots) {
-            let start = time + 1000.0 * planning.incident_interval_s * f64::from(stream.exponential());
-            time = start + 1000.0 * planning.incident_duration_s * f64::from(stream.exponential());
-            spans.push((start, time));
-        }
-        Self { spans }
+impl LoopSummary {
+    /// The policy of the least mean age.
+    pub fn freshest(&self) -> Option<&PolicyResult> {
+        let age = |result: &&PolicyResult| {
+            let ages = result.ages.as_ref();
+            ages.map_or(f64::INFINITY, |ages| ages.uncapped_mean_ms)
+        };
+        self.policies.iter().min_by(|a, b| age(a).total_cmp(&age(b)))
     }
 
-    fn active(&self, slot: u32) -> bool {
-        let slot = f64::from(slot);
-        let begun = self.spans.partition_point(|&(start, _)| start <= slot);
-        begun > 0 && slot < self.spans[begun - 1].1
-    }
-}
-
-/// The true state of one world's roads, the same for every policy.
-struct Street<'m> {
-    roads: &'m Roads<'m>,
-    loss: f64,
-    /// By block.
-    incidents: Vec<Incidents>,
-}
-
-impl Street<'_> {
-    /// Fraction of its capacity that a block has.
-    fn factor(&self, block: usize, slot: u32) -> f64 {
-        if self.incidents[block].active(slot) {
-            1.0 - self.loss
-        } else {
-            1.0
+    /// What trips lose under a policy, thing by thing.
+    pub fn loss(&self, policy: &PolicyResult) -> Loss {
+        let freshest = self.freshest().unwrap_or(policy);
+        Loss {
+            obedience: self.full_knowledge.beyond(&self.all_obey),
+            coverage: self.covered.beyond(&self.full_knowledge),
+            detection: self.detected.beyond(&self.covered),
+            radio: freshest.result.beyond(&self.detected),
+            protocol: policy.result.beyond(&freshest.result),
         }
     }
-
-    fn factors(&self, slot: u32) -> Vec<f64> {
-        (0..self.incidents.len())
-            .map(|block| self.factor(block, slot))
-            .collect()
-    }
-
-    /// The network with these fractions of each block's capacity.
-    fn network(&self, factors: &[f64]) -> Result<Network> {
-        let network = self.roads.network();
-        let capacities: Vec<f64> = network
-            .links()
-            .iter()
-            .enumerate()
-            .map(|(road, link)| link.capacity * factors[self.roads.block(road)])
-            .collect();
-        network.with_capacities(&capacities)
-    }
-
-    /// Equilibrium flows planned on one network, met on another; the time of a trip is in s.
-    fn experienced(&self, believed: &Network, truth: &Network) -> Result<TrafficState> {
-        let flows = self.roads.plan(believed)?;
-        let mut state = TrafficState::of(truth, self.roads.demand(), &flows);
-        state.mean_trip_time *= self.roads.seconds_per_unit();
-        Ok(state)
-    }
 }
 
-/// What the base station knows of each block.
-#[derive(Clone)]
-struct Belief {
-    factors: Vec<f64>,
-    reported: Vec<u32>,
+/// How far a loop has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Parts of the work that are done.
+    pub done: u64,
+    /// All of it.
+    pub total: u64,
 }
 
-/// One world: by policy its ages and plans, and the plans of full knowledge.
-struct WorldLoop {
-    policies: Vec<(WorldAges, Vec<Plan>)>,
-    full_knowledge: Vec<Plan>,
+/// One world's trips and incidents.
+struct Hours {
+    key: WorldKey,
+    trips: Vec<Trip>,
+    incidents: Incidents,
 }
 
-/// Runs the closed loop for all policies on the current rayon pool; the result does not depend on its size. `finished` is
-/// called after each world.
+/// Runs the loop on the current rayon pool; the result does not depend on its size. `progress` is called from any thread.
 ///
 /// # Errors
-/// [`Error::Input`] for vehicles of a trace, a run without a plan, and what
-/// [`Kind::check`] refuses.
+/// What [`Kind::check`] refuses, and what stops the traffic.
 pub fn closed_loop(
-    simulation: &Simulation<'_>,
-    policies: &[&'static Kind],
-    table: &Table<'_>,
-    finished: impl Fn() + Sync,
+    town: &Town,
+    options: &LoopOptions<'_>,
+    build: &BuildTraffic<'_>,
+    progress: impl Fn(Progress) + Sync,
 ) -> Result<LoopSummary> {
-    let scenario = simulation.scenario;
-    let roads = Roads::new(scenario, simulation.source)?;
-    for policy in policies {
-        policy.check(scenario, simulation.source.most_vehicles(scenario), table)?;
-    }
-    let (warmup, slots) = (simulation.extent.warmup, simulation.extent.slots_per_world());
-    let period = scenario.planning.period_slots;
-    let plan_slots: Vec<u32> = (1..=slots / period)
-        .map(|plan| plan * period)
-        .filter(|&slot| slot > warmup)
-        .collect();
-    if plan_slots.is_empty() {
-        let expected = format!("less than the {} slots after warm-up", simulation.extent.slots);
-        return Err(Error::input("planning.period_slots", period, expected));
-    }
-    let worlds = (0..u64::from(simulation.extent.worlds))
-        .into_par_iter()
+    let planning = &options.scenario.planning;
+    let worlds: Vec<Hours> = (0..u64::from(options.worlds))
         .map(|world| {
             let key = WorldKey {
-                seed: simulation.extent.seed,
+                seed: options.seed,
                 purpose: Purpose::Evaluation,
                 world,
             };
-            let result = run_loop(simulation, &roads, policies, table, &plan_slots, &key);
-            finished();
-            result
+            let blocks = 0..town.map().block_count();
+            Hours {
+                trips: trips::draw(town.paths(), planning.horizon_s, &key),
+                incidents: Incidents::draw(
+                    (planning.incident_duration_s, planning.incident_interval_s),
+                    1.0 - planning.incident_capacity_loss,
+                    2.0 * planning.horizon_s,
+                    blocks.map(|block| key.stream(Role::Incidents, block)),
+                ),
+                key,
+            }
         })
-        .collect::<Result<Vec<WorldLoop>>>()?;
-    Ok(summary(policies, plan_slots, &worlds))
-}
-
-fn run_loop(
-    simulation: &Simulation<'_>,
-    roads: &Roads<'_>,
-    policies: &[&'static Kind],
-    table: &Table<'_>,
-    plan_slots: &[u32],
-    key: &WorldKey,
-) -> Result<WorldLoop> {
-    let planning = &simulation.scenario.planning;
-    let slots = simulation.extent.slots_per_world();
-    let blocks = roads.block_count();
-    let incidents = (0..blocks)
-        .map(|block| Incidents::draw(planning, slots, key.stream(Role::Incidents, block as u32)))
         .collect();
-    let street = Street {
-        roads,
-        loss: planning.incident_capacity_loss,
-        incidents,
+    // The played seconds of a policy count as one of its hours.
+    let cases = 5 + options.delays_s.len() + 2 * options.policies.len();
+    let total = u64::from(options.worlds) * cases as u64;
+    let done = AtomicU64::new(0);
+    let advance = || {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress(Progress { done, total });
     };
-    let truths = plan_slots
-        .iter()
-        .map(|&slot| street.network(&street.factors(slot)))
-        .collect::<Result<Vec<Network>>>()?;
-    let informed = truths
-        .iter()
-        .map(|truth| street.experienced(truth, truth))
-        .collect::<Result<Vec<TrafficState>>>()?;
+    let case = |sight, obeying_share| Case {
+        sight,
+        connected_share: planning.connected_share,
+        obeying_share,
+        fade_s: planning.belief_fade_s,
+    };
+    let run = |world: &Hours, case: Case, delays: &mut dyn Delays, watch: &mut dyn FnMut(f64, &[OnRoad])| {
+        let mut traffic = build(town, &world.incidents, world.key.world)?;
+        let roads = town.world(world.key, &world.trips, &world.incidents, planning);
+        let outcome = hour::run(roads, case, traffic.as_mut(), delays, watch);
+        advance();
+        outcome
+    };
+    let all = |case: Case, delay_s: f64| {
+        let hours = worlds
+            .par_iter()
+            .map(|world| run(world, case, &mut Fixed(delay_s), &mut |_, _| ()));
+        hours.collect::<Result<Vec<Outcome>>>()
+    };
 
-    let mut results = Vec::new();
-    for policy in policies {
-        let mut environment = Environment::new(
-            simulation.scenario,
-            simulation.source,
-            key.seed,
-            key.purpose,
-            key.world..key.world + 1,
-        );
-        let mut decider = (policy.build)(&environment.setup(), table);
-        let mut belief = Belief {
-            factors: vec![1.0; blocks],
-            reported: vec![0; blocks],
-        };
-        let mut beliefs = Vec::new();
-        let mut ages = run_worlds(
-            &mut environment,
-            &mut decider,
-            &simulation.extent,
-            |environment| {
-                hear(environment, &street, &mut belief);
-                if plan_slots.binary_search(&environment.elapsed()).is_ok() {
-                    beliefs.push(belief.clone());
+    let obeying = planning.obeying_share;
+    let own_speeds = case(Sight::OwnSpeeds(planning.detector_memory_s), obeying);
+    let all_obey = all(case(Sight::Everything, 1.0), 0.0)?;
+    let full_knowledge = all(case(Sight::Everything, obeying), 0.0)?;
+    let covered = all(case(Sight::ConnectedRoads, obeying), 0.0)?;
+    let no_information = all(case(Sight::Blind, obeying), 0.0)?;
+    let (detected, moments): (Vec<Outcome>, Vec<Vec<Moment>>) = worlds
+        .par_iter()
+        .map(|world| {
+            let mut moments = Vec::new();
+            let mut before: Vec<OnRoad> = Vec::new();
+            let mut sample = 0;
+            let outcome = run(world, own_speeds, &mut Fixed(0.0), &mut |time_s, now| {
+                if time_s >= planning.radio_sample_s * f64::from(sample) && time_s <= planning.horizon_s {
+                    sample += 1;
+                    let connected = |vehicle: u32| {
+                        let trip = &world.trips[vehicle as usize];
+                        trip.connected(planning.connected_share)
+                    };
+                    let look_s = planning.look_s;
+                    moments.extend(radio_seconds::moments(town, &before, now, look_s, connected));
                 }
-            },
-        )?;
-        let plans = plan_slots
-            .iter()
-            .zip(&beliefs)
-            .zip(truths.iter().zip(&informed))
-            .map(|((&slot, belief), (truth, informed))| {
-                let state = street.experienced(&street.network(&belief.factors)?, truth)?;
-                Ok(plan(slot, belief, &street, &state, informed))
-            });
-        results.push((ages.remove(0), plans.collect::<Result<Vec<Plan>>>()?));
-    }
-    let full_knowledge = informed.iter().map(|state| Plan {
-        v_over_c: state.mean_volume_over_capacity,
-        trip_time_s: state.mean_trip_time,
-        ..Plan::default()
-    });
-    Ok(WorldLoop {
-        policies: results,
-        full_knowledge: full_knowledge.collect(),
-    })
-}
-
-/// Takes in the reports of the slot before.
-fn hear(environment: &Environment<'_>, street: &Street<'_>, belief: &mut Belief) {
-    let sent = environment.elapsed() - 1;
-    for (vehicle, place) in environment.places(0) {
-        if !environment.received(0, *vehicle) {
-            continue;
-        }
-        let road = environment.mobility(0).road(*vehicle);
-        if let Some(block) = road.and_then(|road| street.roads.block_of(road, place)) {
-            belief.factors[block] = street.factor(block, sent);
-            belief.reported[block] = sent;
-        }
-    }
-}
-
-fn plan(
-    slot: u32,
-    belief: &Belief,
-    street: &Street<'_>,
-    state: &TrafficState,
-    informed: &TrafficState,
-) -> Plan {
-    let blocks = belief.factors.len() as f64;
-    let age: f64 = belief
-        .reported
-        .iter()
-        .map(|&reported| f64::from(slot - reported))
-        .sum();
-    let links = street.roads.network().links();
-    let error: f64 = links
-        .iter()
-        .enumerate()
-        .map(|(road, link)| {
-            let block = street.roads.block(road);
-            link.capacity * (belief.factors[block] - street.factor(block, slot)).abs()
+                before.clear();
+                before.extend_from_slice(now);
+            })?;
+            Ok((outcome, moments))
         })
-        .sum();
-    Plan {
-        road_age_ms: age / blocks,
-        capacity_error_veh_per_h: error / links.len() as f64,
-        v_over_c: state.mean_volume_over_capacity,
-        trip_time_s: state.mean_trip_time,
-        regret_s_per_trip: state.mean_trip_time - informed.mean_trip_time,
-    }
-}
+        .collect::<Result<Vec<_>>>()?
+        .into_iter()
+        .unzip();
+    let in_cells = || moments.iter().flatten().map(Vec::len).filter(|&count| count > 0);
+    let connected_in_cell = (
+        in_cells().sum::<usize>() as f64 / in_cells().count() as f64,
+        in_cells().max().unwrap_or(0),
+    );
+    let lengths: Vec<usize> = moments.iter().map(Vec::len).collect();
+    let moments: Vec<Moment> = moments.into_iter().flatten().collect();
 
-fn mean_plan<'p>(plans: impl Iterator<Item = &'p Plan> + Clone) -> Plan {
-    let count = plans.clone().count() as f64;
-    let mean = |value: fn(&Plan) -> f64| plans.clone().map(value).sum::<f64>() / count;
-    Plan {
-        road_age_ms: mean(|plan| plan.road_age_ms),
-        capacity_error_veh_per_h: mean(|plan| plan.capacity_error_veh_per_h),
-        v_over_c: mean(|plan| plan.v_over_c),
-        trip_time_s: mean(|plan| plan.trip_time_s),
-        regret_s_per_trip: mean(|plan| plan.regret_s_per_trip),
-    }
-}
-
-/// Each world's mean regret.
-fn regrets(worlds: &[&[Plan]]) -> Vec<f64> {
-    let means = worlds.iter().map(|plans| mean_plan(plans.iter()));
-    means.map(|plan| plan.regret_s_per_trip).collect()
-}
-
-/// One policy's result from its plans in every world.
-fn result(policy: Option<&'static Kind>, ages: Option<AgeSummary>, worlds: &[&[Plan]]) -> LoopResult {
-    let plans = 0..worlds.first().map_or(0, |plans| plans.len());
-    LoopResult {
-        policy,
-        ages,
-        mean: mean_plan(worlds.iter().copied().flatten()),
-        regret_ci95_s_per_trip: AgeSummary::mean_and_interval(&regrets(worlds)).1,
-        beyond_freshest_s_per_trip: None,
-        over_time: plans
-            .map(|n| mean_plan(worlds.iter().map(|plans| &plans[n])))
-            .collect(),
-    }
-}
-
-fn summary(policies: &[&'static Kind], plan_slots: Vec<u32>, worlds: &[WorldLoop]) -> LoopSummary {
-    let mut results: Vec<LoopResult> = Vec::new();
-    let mut by_world: Vec<Vec<f64>> = Vec::new();
-    for (index, &policy) in policies.iter().enumerate() {
-        let each = worlds.iter().map(|world| &world.policies[index]);
-        let ages: Vec<WorldAges> = each.clone().map(|(ages, _)| ages.clone()).collect();
-        let plans: Vec<&[Plan]> = each.map(|(_, plans)| plans.as_slice()).collect();
-        by_world.push(regrets(&plans));
-        results.push(result(Some(policy), AgeSummary::new(&ages), &plans));
-    }
-    let age = |result: &LoopResult| result.ages.as_ref().map_or(f64::INFINITY, |ages| ages.mean_ms);
-    let freshest = (0..results.len()).min_by(|&a, &b| age(&results[a]).total_cmp(&age(&results[b])));
-    if let Some(freshest) = freshest {
-        for (result, regrets) in results.iter_mut().zip(&by_world) {
-            let beyond: Vec<f64> = regrets
-                .iter()
-                .zip(&by_world[freshest])
-                .map(|(own, least)| own - least)
-                .collect();
-            result.beyond_freshest_s_per_trip = Some(AgeSummary::mean_and_interval(&beyond));
+    let mut policies = Vec::new();
+    for policy in options.policies {
+        let (seconds, ages) = radio_seconds::play(
+            options.scenario,
+            options.seed,
+            policy,
+            options.table,
+            &moments,
+            |_| (),
+        )?;
+        for _ in &worlds {
+            advance();
         }
+        let mut rest = seconds.as_slice();
+        let by_world: Vec<&[RadioSecond]> = lengths
+            .iter()
+            .map(|&length| {
+                let (own, others) = rest.split_at(length);
+                rest = others;
+                own
+            })
+            .collect();
+        let outcomes = worlds
+            .par_iter()
+            .zip(by_world)
+            .map(|(world, seconds)| {
+                let mut delays = Sampled::new(town, seconds, planning.radio_sample_s);
+                run(world, own_speeds, &mut delays, &mut |_, _| ())
+            })
+            .collect::<Result<Vec<Outcome>>>()?;
+        policies.push(PolicyResult {
+            policy,
+            ages,
+            result: CaseResult::new(&outcomes),
+        });
     }
-    let full_knowledge: Vec<&[Plan]> = worlds.iter().map(|world| &*world.full_knowledge).collect();
-    results.push(result(None, None, &full_knowledge));
-    let slopes: Vec<f64> = worlds.iter().filter_map(slope).collect();
-    LoopSummary {
-        plan_slots,
-        results,
-        cost_s_per_trip_and_ms: (slopes.len() == worlds.len())
-            .then(|| AgeSummary::mean_and_interval(&slopes)),
+    let mut delayed = Vec::new();
+    for &delay_s in options.delays_s {
+        delayed.push((delay_s, CaseResult::new(&all(own_speeds, delay_s)?)));
     }
-}
-
-/// Least-squares slope of regret over mean age across a world's policies.
-fn slope(world: &WorldLoop) -> Option<f64> {
-    let points: Vec<(f64, f64)> = world
-        .policies
-        .iter()
-        .filter_map(|(ages, plans)| Some((ages.mean()?, mean_plan(plans.iter()).regret_s_per_trip)))
-        .collect();
-    let count = points.len() as f64;
-    let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| {
-        (x + point.0 / count, y + point.1 / count)
-    });
-    let (xy, xx) = points.iter().fold((0.0, 0.0), |(xy, xx), point| {
-        (
-            xy + (point.0 - x) * (point.1 - y),
-            xx + (point.0 - x) * (point.0 - x),
-        )
-    });
-    (xx > 0.0).then(|| xy / xx)
+    let vehicles = detected.iter().map(|outcome| outcome.vehicles).sum::<f64>() / detected.len() as f64;
+    Ok(LoopSummary {
+        all_obey: CaseResult::new(&all_obey),
+        full_knowledge: CaseResult::new(&full_knowledge),
+        covered: CaseResult::new(&covered),
+        detected: CaseResult::new(&detected),
+        policies,
+        no_information: CaseResult::new(&no_information),
+        delayed,
+        vehicles,
+        connected_in_cell,
+    })
 }

@@ -60,7 +60,6 @@ pub mod radio;
 #[cfg(feature = "program")]
 pub mod report;
 pub mod revision;
-pub mod roads;
 pub mod scenario;
 pub mod senses;
 pub mod simulation;

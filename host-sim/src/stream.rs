@@ -41,6 +41,10 @@ pub enum Role {
     Reception = 10,
     /// Bursts of other cells' interference.
     Neighbours = 11,
+    /// Who travels when and where.
+    Trips = 12,
+    /// How travellers see the roads, one member a vehicle.
+    Tastes = 13,
 }
 
 /// One world of a run.

@@ -2,82 +2,154 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use firmware::table::Table;
-use host_sim::closed_loop::{LoopSummary, closed_loop};
-use host_sim::mobility::Grid;
-use host_sim::policy::{Kind, actor, aloha, always, clock};
-use host_sim::scenario::ScenarioSource;
-use host_sim::simulation::{Extent, Simulation};
+use host_sim::closed_loop::{LoopOptions, LoopSummary, built_in, closed_loop};
+use host_sim::journeys::town::Town;
+use host_sim::policy::{Kind, aloha, clock, random};
+use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::thread_pool;
+use std::process::Command;
 
-fn run(settings: &[&str], policies: &[&'static Kind], threads: u16) -> kit::error::Result<LoopSummary> {
-    let settings = settings.iter().map(|&setting| setting.to_owned()).collect();
-    let scenario = ScenarioSource {
-        settings,
+/// Short hours under heavy incidents.
+fn scenario(settings: &[&str]) -> Scenario {
+    let short = [
+        "planning.horizon_s=1200",
+        "planning.warmup_s=300",
+        "planning.trips_per_pair_veh_per_h=30",
+    ];
+    let settings = short.iter().chain(settings).map(|&setting| setting.to_owned());
+    ScenarioSource {
+        settings: settings.collect(),
         ..ScenarioSource::default()
     }
     .read()
-    .unwrap();
+    .unwrap()
+}
+
+fn run(settings: &[&str], policies: &[&'static Kind], delays_s: &[f64], threads: u16) -> LoopSummary {
+    let scenario = scenario(settings);
     let table = Table::parse(firmware::tables::DISTILLED).unwrap();
-    let extent = Extent {
+    let options = LoopOptions {
+        scenario: &scenario,
         seed: 3,
         worlds: 6,
-        slots: 600,
-        warmup: 200,
+        policies,
+        table: &table,
+        delays_s,
     };
-    let simulation = Simulation {
-        scenario: &scenario,
-        source: &Grid,
-        extent,
-    };
-    thread_pool(Some(threads))
-        .unwrap()
-        .install(|| closed_loop(&simulation, policies, &table, || ()))
+    let pool = thread_pool(Some(threads)).unwrap();
+    pool.install(|| {
+        let town = Town::of_grid(&scenario, 3).unwrap();
+        closed_loop(&town, &options, &built_in, |_| ()).unwrap()
+    })
 }
 
 #[test]
-fn staler_knowledge_costs_more_and_full_knowledge_nothing() {
-    let policies = [&actor::KIND, &always::KIND];
-    let summary = run(&[], &policies, 2).unwrap();
-    assert_eq!(
-        summary.plan_slots,
-        (11..=40).map(|plan| plan * 20).collect::<Vec<u32>>()
-    );
-    let [actor, always, full] = summary.results.try_into().unwrap();
-    assert_eq!((full.policy, full.mean.regret_s_per_trip), (None, 0.0));
-    assert!(actor.mean.regret_s_per_trip > 0.0);
-    assert!(actor.mean.regret_s_per_trip < always.mean.regret_s_per_trip);
-    assert!(actor.mean.capacity_error_veh_per_h < always.mean.capacity_error_veh_per_h);
-    assert!(actor.mean.road_age_ms < always.mean.road_age_ms);
-    assert!((actor.mean.trip_time_s - full.mean.trip_time_s - actor.mean.regret_s_per_trip).abs() < 1e-9);
-    let (cost, interval) = summary.cost_s_per_trip_and_ms.unwrap();
-    assert!(cost > 0.0 && interval.unwrap() > 0.0);
+fn later_knowledge_costs_more_and_milliseconds_cost_nothing() {
+    let summary = run(&[], &[&clock::KIND, &random::KIND], &[30.0, 300.0], 2);
+    let excludes_zero = |(mean, half): (f64, Option<f64>)| mean > half.unwrap();
+    let [(_, early), (_, late)] = &summary.delayed[..] else {
+        panic!("{:?}", summary.delayed)
+    };
+    assert!(excludes_zero(late.beyond(early)), "{:?}", late.beyond(early));
+    assert!(excludes_zero(summary.no_information.beyond(&summary.detected)));
+    assert!(excludes_zero(summary.full_knowledge.beyond(&summary.all_obey)));
+    let [clock, random] = &summary.policies[..] else {
+        panic!("{:?}", summary.policies)
+    };
+    assert_eq!(summary.freshest().unwrap().policy, clock.policy);
+    let loss = summary.loss(clock);
+    assert!(loss.radio.0.abs() < 0.5, "{:?}", loss.radio);
+    assert_eq!(loss.protocol.0, 0.0);
+    // Whoever is hardly ever heard leaves the base station with what it knows without reports.
+    assert!(random.result.road_age_s > clock.result.road_age_s);
+    assert!(random.result.beyond(&clock.result).0 > loss.radio.0);
 }
 
 #[test]
 fn threads_do_not_matter() {
-    let text = |threads| format!("{:?}", run(&[], &[&clock::KIND], threads).unwrap());
+    let text = |threads| format!("{:?}", run(&[], &[&aloha::KIND], &[10.0], threads));
     assert_eq!(text(1), text(2));
 }
 
 #[test]
-fn without_incidents_nothing_is_lost() {
-    let summary = run(&["planning.incident_capacity_loss=0"], &[&aloha::KIND], 2).unwrap();
-    let mean = summary.results[0].mean;
-    assert_eq!(
-        (mean.capacity_error_veh_per_h, mean.regret_s_per_trip),
-        (0.0, 0.0)
-    );
-    // The grid's equilibrium at full capacity: 13.333 / 30.
-    assert!((mean.v_over_c - 0.444_444).abs() < 1e-5);
+fn who_does_not_follow_is_not_informed() {
+    let nobody = run(&["planning.obeying_share=0"], &[], &[], 2);
+    assert_eq!(nobody.detected.beyond(&nobody.no_information).0, 0.0);
+    assert_eq!(nobody.full_knowledge.beyond(&nobody.no_information).0, 0.0);
+    let everybody = run(&["planning.obeying_share=1"], &[], &[], 2);
+    assert_eq!(everybody.full_knowledge.beyond(&everybody.all_obey).0, 0.0);
+    let disconnected = run(&["planning.connected_share=0"], &[], &[], 2);
+    // Nothing is ever reported, so nothing is ever advised but by the usual times, which are those of the usual ways.
+    let advised = disconnected.detected.beyond(&disconnected.no_information);
+    assert!(advised.0.abs() < advised.1.unwrap(), "{advised:?}");
 }
 
 #[test]
-fn a_run_without_a_plan_is_refused() {
-    let message = run(&["planning.period_slots=5000"], &[&clock::KIND], 1)
-        .unwrap_err()
-        .to_string();
-    assert_eq!(
-        message,
-        "planning.period_slots: found 5000, expected less than the 600 slots after warm-up"
+fn no_step_makes_the_result() {
+    let coarse = run(&[], &[], &[60.0], 2);
+    let fine = run(&["planning.look_s=1"], &[], &[60.0], 2);
+    for (coarse, fine) in [
+        (&coarse.detected, &fine.detected),
+        (&coarse.delayed[0].1, &fine.delayed[0].1),
+        (&coarse.full_knowledge, &fine.full_knowledge),
+    ] {
+        let (difference, half) = fine.beyond(coarse);
+        assert!(
+            difference.abs() <= half.unwrap() || difference.abs() < 0.5,
+            "{difference} +- {half:?}"
+        );
+    }
+    // Without knowledge nothing looks: the traffic itself has no step.
+    assert!(fine.no_information.beyond(&coarse.no_information).0.abs() < 1e-9);
+}
+
+#[test]
+fn a_loaded_network_is_driven_at_its_size() {
+    let fixture = |name: &str| {
+        format!(
+            "{}/../assignment/tests/fixtures/{name}",
+            env!("CARGO_MANIFEST_DIR")
+        )
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let nodes = folder.path().join("nodes.tntp");
+    let rows = (1..=24).map(|node| format!("{node}\t{}\t{}\t;\n", 10 * (node % 5), 7 * (node / 5)));
+    std::fs::write(&nodes, format!("Node\tX\tY\t;\n{}", rows.collect::<String>())).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args([
+            "loop", "--json", "--worlds", "2", "--policy", "clock", "--delay", "60",
+        ])
+        .args([
+            "--set",
+            "planning.horizon_s=1800",
+            "--seconds-per-unit",
+            "36",
+            "--set",
+            "planning.demand_factor=0.02",
+        ])
+        .args([
+            "--net",
+            &fixture("SiouxFalls_net.tntp"),
+            "--trips",
+            &fixture("SiouxFalls_trips.tntp"),
+        ])
+        .args(["--nodes".as_ref(), nodes.as_os_str()])
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
     );
+    let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(object["traffic"], "built-in");
+    assert_eq!(object["roads"], 76);
+    assert!(object["base_stations"].as_u64().unwrap() > 1);
+    // 360,600 trips an hour in the file, one in fifty of them here.
+    let loss = &object["policies"][0]["trip_loss_s"];
+    for part in ["obedience", "coverage", "detection", "radio", "protocol"] {
+        assert!(loss[part].is_number(), "{loss}");
+        assert!(loss[format!("{part}_ci95")].is_number(), "{loss}");
+    }
+    assert!(object["policies"][0]["unfinished_share"].as_f64().unwrap() < 0.01);
 }

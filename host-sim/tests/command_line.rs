@@ -283,7 +283,6 @@ fn bad_scenarios_are_one_line_each() {
     );
     for (command, option, setting) in [
         ("run", "--vehicles", "cell.vehicles=5"),
-        ("loop", "--vehicles", "cell={vehicles=5}"),
         ("hil", "--vehicles", "cell.vehicles=5"),
         ("bench", "--sub-channels", "radio.sub_channels=5"),
     ] {

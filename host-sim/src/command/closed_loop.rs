@@ -1,15 +1,16 @@
-//! `host-sim loop`: from slot to street and back, for every policy on the same worlds and incidents.
+//! `host-sim loop`: what travellers lose to coverage, detection, radio, protocol and obedience, on the same hours.
 
-use crate::closed_loop::{LoopResult, LoopSummary, Plan, closed_loop};
-use crate::command::options::progress_bar;
-use crate::command::run::RunArguments;
-use crate::experiment::{Experiment, ExperimentSource};
-use crate::mobility::StreetMap;
-use crate::report::chart::{Axis, LineChart, Series};
+use crate::age::AgeSummary;
+use crate::closed_loop::{CaseResult, LoopOptions, LoopSummary, Mean, PolicyResult, built_in, closed_loop};
+use crate::command::options::{ScenarioArguments, choice, progress_bar, within};
+use crate::journeys::town::{Town, Units};
+use crate::policy::{KINDS, Kind, actor, age_threshold, assigned, central};
+use crate::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use crate::report::pages;
 use crate::report::table::{Column, Table};
+use crate::scenario::Scenario;
 use crate::threads::thread_pool;
-use crate::traffic::planning_options;
+use crate::weight_table::WeightTable;
 use assignment::CostWeights;
 use assignment::formats;
 use kit::error::{Error, Result};
@@ -18,28 +19,53 @@ use kit::say;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Worlds unless said: plans cost more than slots.
-const WORLDS: u32 = 64;
+/// Hours unless said (chosen: under a minute on two cores).
+const WORLDS: u32 = 12;
+
+/// Policies unless said: the bound, the network, what a timetable does, and random access by age.
+const POLICIES: [&Kind; 4] = [
+    &central::KIND,
+    &actor::KIND,
+    &assigned::KIND,
+    &age_threshold::KIND,
+];
+
+/// Delays of knowledge unless said, in s.
+const DELAYS_S: [f64; 4] = [1.0, 10.0, 60.0, 300.0];
+
+/// Longest delay that can be asked for, in s.
+const MOST_DELAY_S: f64 = 86_400.0;
 
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(allow_negative_numbers = true)]
 pub struct LoopArguments {
-    /// What to simulate.
+    /// The scenario.
     #[command(flatten)]
-    pub run: RunArguments,
-    /// Drive on this network instead of the grid: TNTP network file, folder with GMNS node.csv and link.csv, or SUMO
-    /// net.xml. Large networks take a while for each plan: fewer --worlds, --slots and --policy go a long way
+    pub scenario: ScenarioArguments,
+    /// Policy to run (repeatable) [default: central, actor, assigned, age-threshold]
+    #[arg(long, value_parser = choice::<&'static Kind>(), value_name = "NAME")]
+    pub policy: Vec<&'static Kind>,
+    /// Weight table for the actor [default: the one built into the firmware]
+    #[arg(long, value_name = "FILE")]
+    pub table: Option<PathBuf>,
+    /// Independent hours
+    #[arg(long, default_value_t = WORLDS, value_parser = within(1..=100_000))]
+    pub worlds: u32,
+    /// Delay of knowledge to look at besides the policies', in seconds (repeatable) [default: 1, 10, 60, 300]
+    #[arg(long, value_name = "SECONDS")]
+    pub delay: Vec<f64>,
+    /// Drive on this network instead of the grid: TNTP network file, folder with GMNS node.csv and link.csv, or SUMO net.xml
     #[arg(long, value_name = "FILE|DIR", requires = "trips")]
     pub net: Option<PathBuf>,
-    /// Trips in the network's format, as for `assign`; vehicles drive the paths of their equilibrium
+    /// Trips an hour in the network's format, as for `assign`
     #[arg(long, value_name = "FILE", requires = "net")]
     pub trips: Option<PathBuf>,
     /// TNTP file with the coordinates of the nodes [default: NAME_node.tntp beside NAME_net.tntp]
     #[arg(long, value_name = "FILE", requires = "net")]
     pub nodes: Option<PathBuf>,
-    /// Metres for each unit of the network's coordinates, whose centre lies on that of the grid's area [default: 1 with
-    /// SUMO; otherwise the network is made to fit the area]
+    /// Metres for each unit of the network's coordinates [default: 1 with SUMO; otherwise so many that vehicles alone drive at
+    /// 50 km/h on average]
     #[arg(long, value_name = "METRES", requires = "net")]
     pub metres_per_unit: Option<f64>,
     /// Seconds for each unit of the network's travel times [default: 1 with SUMO, otherwise 60]
@@ -51,49 +77,87 @@ pub struct LoopArguments {
     /// Cost of a unit of length, in units of free-flow time
     #[arg(long, default_value_t = 0.0, requires = "net")]
     pub distance_weight: f64,
+    /// Seed of the hours; any number is held out from training
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Worker threads; results do not depend on them [default: one a core]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Folder for figures and data [default: out]
+    #[arg(long, value_name = "DIR", conflicts_with = "json")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON object and nothing else; write no files
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Everything the loop needs, read and checked.
+struct Prepared {
+    scenario: Scenario,
+    town: Town,
+    policies: Vec<&'static Kind>,
+    table: WeightTable,
+    delays_s: Vec<f64>,
 }
 
 impl LoopArguments {
-    /// Everything the loop needs, read and checked.
-    fn prepare(&self) -> Result<Experiment> {
-        let options = &self.run.options;
-        options.check_typed()?;
-        let mut experiment = ExperimentSource {
-            worlds: Some(options.worlds.unwrap_or(WORLDS)),
-            ..options.source()
+    fn prepare(&self) -> Result<Prepared> {
+        let policies: Vec<&'static Kind> = if self.policy.is_empty() {
+            POLICIES.to_vec()
+        } else {
+            KINDS
+                .iter()
+                .copied()
+                .filter(|kind| self.policy.contains(kind))
+                .collect()
+        };
+        super::options::check_table_is_used(self.table.as_deref(), &policies)?;
+        let scenario = self.scenario.source().read()?;
+        let planning = &scenario.planning;
+        if planning.warmup_s >= planning.horizon_s {
+            let expected = format!("less than planning.horizon_s, {}", planning.horizon_s);
+            return Err(Error::input("planning.warmup_s", planning.warmup_s, expected));
         }
-        .read()?;
-        if let Some(net) = &self.net {
-            if !experiment.source.is_grid() {
-                let expected = "grid or nothing beside --net, on whose roads vehicles drive";
-                return Err(Error::input("--mobility", &options.mobility, expected));
-            }
-            let map = self.street_map(net, &experiment)?;
-            experiment.source = Box::new(map);
-            experiment.source.check(&experiment.scenario)?;
+        let delays_s = if self.delay.is_empty() {
+            DELAYS_S.to_vec()
+        } else {
+            self.delay.clone()
+        };
+        if let Some(delay) = delays_s
+            .iter()
+            .find(|delay| !(0.0..=MOST_DELAY_S).contains(*delay))
+        {
+            let expected = format!("0 to {MOST_DELAY_S} s");
+            return Err(Error::input("--delay", delay, expected));
         }
-        Ok(experiment)
+        let town = match &self.net {
+            None => Town::of_grid(&scenario, self.seed)?,
+            Some(net) => self.town(net, &scenario)?,
+        };
+        Ok(Prepared {
+            town,
+            policies,
+            table: WeightTable::read_or_built_in(self.table.as_deref())?,
+            delays_s,
+            scenario,
+        })
     }
 
-    fn street_map(&self, net: &Path, experiment: &Experiment) -> Result<StreetMap> {
+    fn town(&self, net: &Path, scenario: &Scenario) -> Result<Town> {
         let weights = CostWeights {
             toll: self.toll_weight,
             distance: self.distance_weight,
         };
         let (network, demand) = formats::read(net, self.trips.as_deref(), weights)?;
-        let places = formats::read_places(net, self.nodes.as_deref(), &network)?;
-        let seconds = match self.seconds_per_unit {
-            Some(seconds) => seconds,
-            None => formats::Format::of(net)?.seconds_per_unit(),
+        let nodes = formats::read_places(net, self.nodes.as_deref(), &network)?;
+        let units = Units {
+            metres_per_coordinate: self.metres_per_unit,
+            seconds_per_time: match self.seconds_per_unit {
+                Some(seconds) => seconds,
+                None => formats::Format::of(net)?.seconds_per_unit(),
+            },
         };
-        StreetMap::new(
-            network,
-            demand,
-            &places,
-            &experiment.scenario,
-            (self.metres_per_unit, seconds),
-            &planning_options(),
-        )
+        Town::of_network(network, &demand, &nodes, units, &scenario.planning, self.seed)
     }
 }
 
@@ -102,184 +166,357 @@ impl LoopArguments {
 /// # Errors
 /// The first input that does not fit; nothing is written then.
 pub fn run(arguments: &LoopArguments) -> Result<()> {
-    let (options, out) = (&arguments.run.options, arguments.run.out());
-    let experiment = arguments.prepare()?;
-    if !options.json {
+    let out = arguments.out.as_deref().unwrap_or(Path::new("out"));
+    if !arguments.json {
         check_folder(out)?;
     }
-    let template = "closed loop {bar:40} {pos}/{len} worlds, {eta} left";
-    let progress = progress_bar(u64::from(experiment.extent.worlds), template, options.json);
-    let actor_table = experiment.table.parse()?;
-    let summary = thread_pool(options.threads)?.install(|| {
-        closed_loop(
-            &experiment.simulation(),
-            &experiment.policies,
-            &actor_table,
-            || progress.inc(1),
-        )
+    let pool = thread_pool(arguments.threads)?;
+    let prepared = pool.install(|| arguments.prepare())?;
+    let table = prepared.table.parse()?;
+    let options = LoopOptions {
+        scenario: &prepared.scenario,
+        seed: arguments.seed,
+        worlds: arguments.worlds,
+        policies: &prepared.policies,
+        table: &table,
+        delays_s: &prepared.delays_s,
+    };
+    let template = "closed loop {bar:40} {percent} %, {eta} left";
+    let bar = progress_bar(1, template, arguments.json);
+    let summary = pool.install(|| {
+        closed_loop(&prepared.town, &options, &built_in, |progress| {
+            bar.set_length(progress.total);
+            bar.set_position(progress.done);
+        })
     })?;
-    progress.finish_and_clear();
-    let object = to_json(&experiment, &summary);
-    if options.json {
+    bar.finish_and_clear();
+    let object = to_json(arguments, &prepared, &summary);
+    if arguments.json {
         say!("{object}");
         return Ok(());
     }
-    let table = table(&experiment, &summary)?;
-    let mut set = vec![("loop.csv".to_owned(), table.to_csv())];
-    set.extend(figures(&experiment, &summary)?);
+    let cases = cases_table(arguments, &prepared, &summary)?;
+    let mut set = vec![("loop.csv".to_owned(), cases.to_csv())];
+    set.extend(figures(arguments, &prepared, &summary)?);
     set.push(("loop.json".to_owned(), format!("{object:#}\n")));
-    set.push((
-        "loop.html".to_owned(),
-        pages::closed_loop(&experiment, &table, &set)?.render(),
-    ));
+    let page = pages::closed_loop(
+        &prepared.scenario,
+        &prepared.policies,
+        &prepared.table,
+        &description(arguments, &prepared, &summary),
+        &cases,
+        &set,
+    )?;
+    set.push(("loop.html".to_owned(), page.render()));
     write_set(out, &set)?;
-    say!("{table}\n{}", written(out, "loop.html", &set));
+    say!("{cases}\n{}", written(out, "loop.html", &set));
     Ok(())
 }
 
-fn name(result: &LoopResult) -> &'static str {
-    result.policy.map_or("full-knowledge", |policy| policy.name)
+/// A row of the table: a case, and what it costs beyond the one that it is compared with.
+struct Row<'r> {
+    name: String,
+    ages: Option<&'r AgeSummary>,
+    result: &'r CaseResult,
+    /// Lost to what, and how much.
+    loss: Option<(&'static str, Mean)>,
 }
 
-/// Full knowledge has no age.
-fn mean_age(result: &LoopResult) -> Option<f64> {
-    result.ages.as_ref().map(|ages| ages.mean_ms)
-}
-
-/// The table, also as data: means over plans, the regret with its interval, and beyond the freshest.
-fn table(experiment: &Experiment, summary: &LoopSummary) -> Result<Table> {
-    let results = || summary.results.iter();
-    let number = |name, value: fn(&LoopResult) -> Option<f64>| Column::number(name, results().map(value));
-    let mean =
-        |name, value: fn(&Plan) -> f64| Column::number(name, results().map(|result| value(&result.mean)));
-    let mut table = Table::new(vec![
-        Column::text("policy", results().map(|result| name(result).to_owned())),
-        number("mean_age_ms", mean_age).shown("mean age", "ms", 2),
-        mean("road_age_ms", |plan| plan.road_age_ms).shown("road age", "ms", 0),
-        mean("capacity_error_veh_per_h", |plan| plan.capacity_error_veh_per_h).shown(
-            "capacity error",
-            "veh/h",
-            3,
+fn rows(summary: &LoopSummary) -> Vec<Row<'_>> {
+    let row = |name: &str, result, loss| Row {
+        name: name.to_owned(),
+        ages: None,
+        result,
+        loss,
+    };
+    let LoopSummary {
+        all_obey,
+        full_knowledge,
+        covered,
+        detected,
+        no_information,
+        ..
+    } = summary;
+    let mut rows = vec![
+        row("all known, all follow", all_obey, None),
+        row(
+            "all known",
+            full_knowledge,
+            Some(("obedience", full_knowledge.beyond(all_obey))),
         ),
-        mean("mean_v_over_c", |plan| plan.v_over_c).shown("V/C", "", 3),
-        mean("mean_travel_time_s", |plan| plan.trip_time_s).shown("trip time", "s", 3),
-        mean("regret_s_per_trip", |plan| plan.regret_s_per_trip).shown("regret", "s/trip", 3),
-        number("regret_ci95_s_per_trip", |result| result.regret_ci95_s_per_trip).shown("+-95 %", "s/trip", 3),
-        number("beyond_freshest_s_per_trip", |result| {
-            Some(result.beyond_freshest_s_per_trip?.0)
-        })
-        .shown("beyond freshest", "s/trip", 4),
-        number("beyond_freshest_ci95_s_per_trip", |result| {
-            result.beyond_freshest_s_per_trip?.1
-        })
-        .shown("+-95 %", "s/trip", 4),
+        row(
+            "roads with reporters known",
+            covered,
+            Some(("coverage", covered.beyond(full_knowledge))),
+        ),
+        row(
+            "reports heard at once",
+            detected,
+            Some(("detection", detected.beyond(covered))),
+        ),
+    ];
+    let freshest = summary.freshest().map(|freshest| freshest.policy);
+    let mut policies: Vec<&PolicyResult> = summary.policies.iter().collect();
+    policies.sort_by_key(|result| Some(result.policy) != freshest);
+    for policy in policies {
+        let loss = summary.loss(policy);
+        rows.push(Row {
+            name: policy.policy.name.to_owned(),
+            ages: policy.ages.as_ref(),
+            result: &policy.result,
+            loss: Some(if Some(policy.policy) == freshest {
+                ("radio", loss.radio)
+            } else {
+                ("protocol", loss.protocol)
+            }),
+        });
+    }
+    for (delay_s, result) in &summary.delayed {
+        rows.push(row(
+            &format!("reports {delay_s} s late"),
+            result,
+            Some(("delay", result.beyond(detected))),
+        ));
+    }
+    rows.push(row(
+        "nobody is advised",
+        no_information,
+        Some(("no information", no_information.beyond(detected))),
+    ));
+    rows
+}
+
+/// The table, also as data.
+fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Result<Table> {
+    let rows = rows(summary);
+    let each = || rows.iter();
+    let ages = |value: fn(&AgeSummary) -> f64| each().map(move |row| row.ages.map(value));
+    let mut table = Table::new(vec![
+        Column::text("case", each().map(|row| row.name.clone())).shown("what the base station knows", "", 0),
+        Column::number("mean_age_ms", ages(|ages| ages.uncapped_mean_ms)).shown("mean age", "ms", 2),
+        Column::number("road_age_s", each().map(|row| row.result.road_age_s)).shown("road age", "s", 0),
+        Column::number("trip_time_s", each().map(|row| row.result.trip_time_s.0)).shown("trip time", "s", 2),
+        Column::number("trip_time_ci95_s", each().map(|row| row.result.trip_time_s.1))
+            .shown("+-95 %", "s", 2),
+        Column::text(
+            "lost_to",
+            each().map(|row| row.loss.map(|(name, _)| name.to_owned())),
+        )
+        .shown("lost to", "", 0),
+        Column::number("trip_loss_s", each().map(|row| row.loss.map(|(_, loss)| loss.0)))
+            .shown("a trip", "s", 2),
+        Column::number(
+            "trip_loss_ci95_s",
+            each().map(|row| row.loss.and_then(|(_, loss)| loss.1)),
+        )
+        .shown("+-95 %", "s", 2),
+        Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
+        Column::number("unfinished_share", each().map(|row| row.result.unfinished)).shown(
+            "unfinished",
+            "",
+            4,
+        ),
+        Column::number("let_through_per_trip", each().map(|row| row.result.let_through))
+            .shown("stuck", "", 4),
     ])?
     .titled("From slot to street");
-    let planning = &experiment.scenario.planning;
+    table.note(&format!("{}.", description(arguments, prepared, summary)));
+    let planning = &prepared.scenario.planning;
     table.note(&format!(
-        "{}; {} plans a world.",
-        experiment.description(),
-        summary.plan_slots.len()
-    ));
-    table.note(&format!(
-        "On each block an incident takes {:.0} % of the capacity for {} s on average, {} s after the last one.",
-        100.0 * planning.incident_capacity_loss,
+        "Incidents of {} s on average, {} s apart on each block, take {:.0} % of its capacity; {:.0} % of vehicles report, {:.0} % \
+         follow advice.",
         planning.incident_duration_s,
         planning.incident_interval_s,
+        100.0 * planning.incident_capacity_loss,
+        100.0 * planning.connected_share,
+        100.0 * planning.obeying_share,
     ));
-    if let Some(map) = experiment.source.streets() {
-        table.note(&format!(
-            "Vehicles drive the paths of the equilibrium, {} m for each unit of the network's coordinates; its unit of time is {} s.",
-            map.scale().metres_per_unit,
-            map.scale().seconds_per_unit,
-        ));
-    }
-    table.note("Beyond freshest: regret less that of the policy with the least age, paired by world.");
-    table.note("Road age: since the last report of a block; blocks without a vehicle stay unreported under every policy.");
-    if let Some((cost, interval)) = summary.cost_s_per_trip_and_ms {
-        let interval = interval
-            .map(|half| format!(" +- {:.3}", 1000.0 * half))
-            .unwrap_or_default();
-        table.note(&format!(
-            "Each ms of mean age costs a trip {:.3}{interval} ms (95 %, over worlds).",
-            1000.0 * cost
-        ));
-    }
+    table.note(
+        "Lost: beyond the row above that differs in this thing alone (obedience, coverage, detection, radio), beyond the \
+         freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
+    );
+    table.note("An interval that holds zero says that these hours show no loss. Cells do not disturb each other here.");
     Ok(table)
 }
 
-fn to_json(experiment: &Experiment, summary: &LoopSummary) -> Value {
+fn description(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> String {
+    let roads = prepared.town.map().roads().len();
+    let stations = match prepared.town.stations_m().len() {
+        1 => "one base station".to_owned(),
+        count => format!("{count} base stations"),
+    };
+    let minutes = prepared.scenario.planning.horizon_s / 60.0;
+    format!(
+        "{roads} roads under {stations}, {:.0} vehicles on them, {:.0} connected in a cell (at most {}), {} worlds x {minutes} min, \
+         built-in traffic, seed {}",
+        summary.vehicles,
+        summary.connected_in_cell.0,
+        summary.connected_in_cell.1,
+        arguments.worlds,
+        arguments.seed
+    )
+}
+
+fn to_json(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Value {
+    let case = |result: &CaseResult| {
+        json!({
+            "mean_travel_time_s": result.trip_time_s.0,
+            "mean_travel_time_ci95_s": result.trip_time_s.1,
+            "road_age_s": result.road_age_s,
+            "mean_v_over_c": result.v_over_c,
+            "unfinished_share": result.unfinished,
+            "let_through_per_trip": result.let_through,
+        })
+    };
+    let with = |mut object: Value, more: Value| {
+        if let (Value::Object(object), Value::Object(more)) = (&mut object, more) {
+            object.extend(more);
+        }
+        object
+    };
     let policies: Vec<Value> = summary
-        .results
+        .policies
         .iter()
-        .map(|result| {
-            json!({
-                "policy": name(result),
-                "mean_age_ms": mean_age(result),
-                "mean_age_ci95_ms": result.ages.as_ref().and_then(|ages| ages.ci95_ms),
-                "road_age_ms": result.mean.road_age_ms,
-                "capacity_error_veh_per_h": result.mean.capacity_error_veh_per_h,
-                "mean_v_over_c": result.mean.v_over_c,
-                "mean_travel_time_s": result.mean.trip_time_s,
-                "regret_s_per_trip": result.mean.regret_s_per_trip,
-                "regret_ci95_s_per_trip": result.regret_ci95_s_per_trip,
-                "beyond_freshest_s_per_trip": result.beyond_freshest_s_per_trip.map(|(mean, _)| mean),
-                "beyond_freshest_ci95_s_per_trip": result.beyond_freshest_s_per_trip.and_then(|(_, interval)| interval),
-            })
+        .map(|policy| {
+            let loss = summary.loss(policy);
+            let ages = policy.ages.as_ref();
+            let regret = policy.result.beyond(&summary.full_knowledge);
+            with(
+                case(&policy.result),
+                json!({
+                    "policy": policy.policy.name,
+                    "mean_age_ms": ages.map(|ages| ages.mean_ms),
+                    "mean_age_ci95_ms": ages.and_then(|ages| ages.ci95_ms),
+                    "uncapped_mean_age_ms": ages.map(|ages| ages.uncapped_mean_ms),
+                    "p99_age_ms": ages.map(|ages| ages.p99_ms),
+                    "regret_s_per_trip": regret.0,
+                    "regret_ci95_s_per_trip": regret.1,
+                    "trip_loss_s": {
+                        "obedience": loss.obedience.0,
+                        "obedience_ci95": loss.obedience.1,
+                        "coverage": loss.coverage.0,
+                        "coverage_ci95": loss.coverage.1,
+                        "detection": loss.detection.0,
+                        "detection_ci95": loss.detection.1,
+                        "radio": loss.radio.0,
+                        "radio_ci95": loss.radio.1,
+                        "protocol": loss.protocol.0,
+                        "protocol_ci95": loss.protocol.1,
+                    },
+                }),
+            )
         })
         .collect();
+    let delayed: Vec<Value> = summary
+        .delayed
+        .iter()
+        .map(|(delay_s, result)| {
+            let loss = result.beyond(&summary.detected);
+            with(
+                case(result),
+                json!({"delay_s": delay_s, "trip_loss_s": loss.0, "trip_loss_ci95_s": loss.1}),
+            )
+        })
+        .collect();
+    let no_information = summary.no_information.beyond(&summary.detected);
     json!({
-        "seed": experiment.extent.seed,
-        "worlds": experiment.extent.worlds,
-        "slots": experiment.extent.slots,
-        "warmup": experiment.extent.warmup,
-        "plans": summary.plan_slots.len(),
-        "cost_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.map(|(cost, _)| cost),
-        "cost_ci95_s_per_trip_and_ms": summary.cost_s_per_trip_and_ms.and_then(|(_, interval)| interval),
-        "scale": experiment.source.streets().map(|map| json!({
-            "metres_per_unit": map.scale().metres_per_unit,
-            "seconds_per_unit": map.scale().seconds_per_unit,
-        })),
-        "scenario": experiment.scenario,
+        "traffic": "built-in",
+        "seed": arguments.seed,
+        "worlds": arguments.worlds,
+        "roads": prepared.town.map().roads().len(),
+        "base_stations": prepared.town.stations_m().len(),
+        "metres_per_unit": prepared.town.metres_per_coordinate(),
+        "vehicles": summary.vehicles,
+        "connected_in_cell": summary.connected_in_cell.0,
+        "most_connected_in_cell": summary.connected_in_cell.1,
+        "cases": {
+            "all_obey": case(&summary.all_obey),
+            "full_knowledge": case(&summary.full_knowledge),
+            "covered": case(&summary.covered),
+            "detected": case(&summary.detected),
+            "no_information": with(
+                case(&summary.no_information),
+                json!({"trip_loss_s": no_information.0, "trip_loss_ci95_s": no_information.1}),
+            ),
+        },
+        "delayed": delayed,
+        "scenario": prepared.scenario,
         "policies": policies,
     })
 }
 
-fn figures(experiment: &Experiment, summary: &LoopSummary) -> Result<Vec<NamedText>> {
-    let over_time = |value: fn(&Plan) -> f64| -> Vec<Series> {
-        let of = |result: &LoopResult| Series {
-            name: name(result).to_owned(),
-            points: summary
-                .plan_slots
-                .iter()
-                .zip(&result.over_time)
-                .map(|(&slot, plan)| (f64::from(slot), value(plan)).into())
-                .collect(),
+fn figures(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Result<Vec<NamedText>> {
+    let note = format!(
+        "{}. Differences of the same hours; bars are 95 % intervals.",
+        description(arguments, prepared, summary)
+    );
+    let point = |x: f64, (y, half): Mean| Point {
+        x,
+        y,
+        band: half.map(|half| (y - half, y + half)),
+    };
+    let mut series: Vec<Series> = Vec::new();
+    let delays: Vec<Point> = summary
+        .delayed
+        .iter()
+        .filter(|(delay_s, _)| *delay_s > 0.0)
+        .map(|(delay_s, result)| point(*delay_s, result.beyond(&summary.detected)))
+        .collect();
+    if !delays.is_empty() {
+        series.push(Series {
+            name: "every report this late".to_owned(),
+            points: delays,
+        });
+    }
+    for policy in &summary.policies {
+        if let Some(ages) = &policy.ages {
+            series.push(Series {
+                name: policy.policy.name.to_owned(),
+                points: vec![point(
+                    ages.uncapped_mean_ms / 1000.0,
+                    policy.result.beyond(&summary.detected),
+                )],
+            });
+        }
+    }
+    let mut set = Vec::new();
+    if !series.is_empty() {
+        let chart = LineChart {
+            title: "What a trip loses when knowledge comes late".to_owned(),
+            note: note.clone(),
+            horizontal: Axis::logarithmic("delay of reports, or a policy's mean age (s)"),
+            vertical: Axis::linear("trip time beyond reports at once (s)"),
+            series,
+            references: vec![Reference {
+                name: "nobody is advised".to_owned(),
+                value: summary.no_information.beyond(&summary.detected).0,
+            }],
         };
-        summary.results.iter().map(of).collect()
+        set.extend(chart.files("loop_delay", ["case", "delay_s", "trip_loss_s"])?);
+    }
+    let bars = rows(summary).into_iter().filter_map(|row| {
+        let (to, (value, half)) = row.loss?;
+        let name = match to {
+            // The other figure has these.
+            "delay" => return None,
+            "protocol" | "radio" => format!("{to}: {}", row.name),
+            _ => to.to_owned(),
+        };
+        Some(Bar {
+            name,
+            value,
+            interval: half.map(|half| (value - half, value + half)),
+            emphasised: matches!(to, "radio" | "protocol"),
+        })
+    });
+    let chart = BarChart {
+        title: "What a trip loses to what".to_owned(),
+        note,
+        axis: Axis::linear("trip time lost (s)"),
+        decimals: 2,
+        bars: bars.collect(),
+        reference: None,
     };
-    let figure = |title: &str, quantity: &str, series: Vec<Series>| LineChart {
-        title: title.to_owned(),
-        note: format!("{}. Means over worlds.", experiment.description()),
-        horizontal: Axis::linear("slot (ms)"),
-        vertical: Axis::linear(quantity),
-        series,
-        references: Vec::new(),
-    };
-    let regret = figure(
-        "What planning on stale knowledge costs",
-        "regret (s per trip)",
-        over_time(|plan| plan.regret_s_per_trip),
-    );
-    let error = figure(
-        "How wrong the base station's capacities are",
-        "capacity error (veh/h)",
-        over_time(|plan| plan.capacity_error_veh_per_h),
-    );
-    let mut set = Vec::from(regret.files("loop_regret", ["policy", "slot", "regret_s_per_trip"])?);
-    set.extend(error.files(
-        "loop_capacity_error",
-        ["policy", "slot", "capacity_error_veh_per_h"],
-    )?);
+    set.push(("loop_losses.svg".to_owned(), chart.to_svg()?));
     Ok(set)
 }

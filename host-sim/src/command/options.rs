@@ -1,5 +1,6 @@
 //! Options that sub-commands share.
 
+use crate::policy::{Kind, actor};
 use crate::scenario::{Preset, ScenarioSource};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -7,7 +8,7 @@ use kit::choice::Choice;
 use kit::error::{Error, Result};
 use kit::layers::sets;
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Which scenario.
 #[derive(Clone, Debug, clap::Args)]
@@ -47,6 +48,20 @@ impl ScenarioArguments {
             }
         }
     }
+}
+
+/// Refuses a table beside policies of which none uses it. No policy means all.
+///
+/// # Errors
+/// [`Error::Input`] names them.
+pub fn check_table_is_used(table: Option<&Path>, policies: &[&'static Kind]) -> Result<()> {
+    if table.is_none() || policies.is_empty() || policies.iter().any(|policy| policy.uses_table()) {
+        return Ok(());
+    }
+    let expected = format!("--policy {}, which alone uses a table", actor::KIND.name);
+    let names: Vec<_> = policies.iter().map(|policy| policy.name).collect();
+    let found = format!("only --policy {} beside it", names.join(", "));
+    Err(Error::input("--table", found, expected))
 }
 
 /// Reads one of the names of a choice; help lists them with their meanings.

@@ -1,16 +1,16 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
-use crate::command::options::{ScenarioArguments, choice, progress_bar, within};
+use crate::command::options::{ScenarioArguments, check_table_is_used, choice, progress_bar, within};
 use crate::experiment::{Experiment, ExperimentSource, PolicyResult, SLOTS, WARMUP, WORLDS};
-use crate::policy::{Kind, actor};
+use crate::policy::Kind;
 use crate::report::{ages, cell_figures, pages, traffic};
 use crate::threads::thread_pool;
-use kit::error::{Error, Result};
+use kit::error::Result;
 use kit::files;
 use kit::say;
 use std::path::{Path, PathBuf};
 
-/// Options of `run` and `loop`.
+/// Options of `run`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RunArguments {
     /// What to simulate.
@@ -78,15 +78,7 @@ impl RunOptions {
         if self.vehicles.is_some() {
             self.scenario.check_not_set("--vehicles", "cell.vehicles")?;
         }
-        if self.table.is_some()
-            && !self.policy.is_empty()
-            && !self.policy.iter().any(|policy| policy.uses_table())
-        {
-            let expected = format!("--policy {}, which alone uses a table", actor::KIND.name);
-            let names: Vec<_> = self.policy.iter().map(|policy| policy.name).collect();
-            let found = format!("only --policy {} beside it", names.join(", "));
-            return Err(Error::input("--table", found, expected));
-        }
+        check_table_is_used(self.table.as_deref(), &self.policy)?;
         Ok(())
     }
 

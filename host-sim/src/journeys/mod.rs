@@ -2,8 +2,16 @@
 //!
 //! Times are seconds here; slots stay in the cell. Who moves the vehicles is a [`TrafficModel`]: the built-in queues, or SUMO.
 
+pub mod delays;
+pub mod guidance;
+pub mod hour;
 pub mod incidents;
+pub mod knowledge;
+pub mod queues;
+pub mod radio_seconds;
 pub mod roads;
+pub mod town;
+pub mod trips;
 
 use kit::error::Result;
 

@@ -1,5 +1,6 @@
 //! Roads as traffic models need them: lengths, speeds, lanes, and where they lead.
 
+use super::OnRoad;
 use kit::error::{Error, Result};
 
 /// Length of road that a standing vehicle takes, in m: 5 m and a gap of 2.5 m (SUMO's default passenger car).
@@ -33,9 +34,9 @@ impl Road {
         self.length_m / self.free_speed_m_per_s
     }
 
-    /// How many vehicles find room on it, at least one.
+    /// How many vehicles find room on it, rounded up so that it can carry its capacity.
     pub fn storage(&self) -> u32 {
-        ((self.length_m * f64::from(self.lanes) / SPACING_M) as u32).max(1)
+        (self.length_m * f64::from(self.lanes) / SPACING_M).ceil() as u32
     }
 
     /// Time between two vehicles of a lane behind one another beyond that for their spacing, in s: with it a lane of the
@@ -104,6 +105,23 @@ impl RoadMap {
     /// Places of the nodes in m.
     pub fn places_m(&self) -> &[(f64, f64)] {
         &self.places_m
+    }
+
+    /// Where a vehicle is, in m.
+    pub fn place_m(&self, vehicle: &OnRoad) -> (f64, f64) {
+        let road = &self.roads[vehicle.road as usize];
+        let from = self.places_m[road.from as usize];
+        let (x, y) = self.direction(vehicle.road);
+        (from.0 + x * vehicle.along_m, from.1 + y * vehicle.along_m)
+    }
+
+    /// The direction of a road, of length 1, or 0 where it begins where it ends.
+    pub fn direction(&self, road: u32) -> (f64, f64) {
+        let Road { from, to, .. } = self.roads[road as usize];
+        let (from, to) = (self.places_m[from as usize], self.places_m[to as usize]);
+        let (x, y) = (to.0 - from.0, to.1 - from.1);
+        let length = libm::hypot(x, y).max(f64::MIN_POSITIVE);
+        (x / length, y / length)
     }
 
     /// How many blocks there are.

@@ -1,15 +1,13 @@
-//! Where vehicles are: on the urban grid or the streets of a loaded network for ever, in a recorded trace for as long as it
+//! Where vehicles are: on the urban grid for ever, in a recorded trace for as long as it
 //! shows them, or wherever an outside program says.
 
 pub mod floating_car_data;
 mod recorded;
-mod streets;
 mod urban_grid;
 
 use crate::scenario::{MobilityScenario, Scenario};
 use crate::stream::{Stream, WorldKey};
 use kit::error::{Error, Result};
-pub use streets::{Scale, StreetMap};
 pub use urban_grid::{Grid, Heading};
 
 /// A vehicle's place in metres, in the coordinates of the base station: from the grid's south-west corner, or as in the trace.
@@ -74,11 +72,6 @@ pub trait MobilitySource: Send + Sync + std::fmt::Debug {
     /// Whether vehicles may be replaced at any slot ([`Mobility::replace`]).
     fn replaces_vehicles(&self) -> bool {
         false
-    }
-
-    /// The network that vehicles drive on, if they do.
-    fn streets(&self) -> Option<&StreetMap> {
-        None
     }
 
     /// Whether vehicles drive on the scenario's urban grid.

@@ -6,6 +6,7 @@ use crate::experiment::{Experiment, PolicyResult};
 use crate::policy::Kind;
 use crate::revision::{own_revision, revision_text};
 use crate::scenario::{Preset, Scenario};
+use crate::weight_table::WeightTable;
 use kit::error::Result;
 use kit::files::NamedText;
 use kit::keys::{listed, value};
@@ -113,7 +114,19 @@ pub fn run(
             )
         },
     );
-    page("Freshlane: ages of information", summary, experiment, sections)
+    let facts = vec![
+        ("worlds", experiment.description()),
+        ("mobility", experiment.mobility_name()),
+    ];
+    let title = "Freshlane: ages of information";
+    page(
+        title,
+        summary,
+        facts,
+        &experiment.scenario,
+        &experiment.table,
+        sections,
+    )
 }
 
 /// A sentence for figures in which the actor's and the clock's lines cover each other.
@@ -131,29 +144,46 @@ fn coincidence(results: &[PolicyResult]) -> &'static str {
 /// The report of `loop`. `set` holds its figures by file name.
 ///
 /// # Errors
-/// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
-pub fn closed_loop(experiment: &Experiment, table: &Table, set: &[NamedText]) -> Result<Page> {
+/// As [`WeightTable::parse`].
+pub fn closed_loop(
+    scenario: &Scenario,
+    policies: &[&'static Kind],
+    weights: &WeightTable,
+    description: &str,
+    table: &Table,
+    set: &[NamedText],
+) -> Result<Page> {
     let captions = [
         (
-            "loop_regret.svg",
-            "Regret, plan by plan. The policies differ by how soon the base station hears of an incident; what it cannot hear \
-             of, where no vehicle drives, costs all the same.",
+            "loop_losses.svg",
+            "What each thing costs a trip beyond the ones before it, on the same hours. Below zero a trip gains: who knows more \
+             does not always share the roads better.",
         ),
         (
-            "loop_capacity_error.svg",
-            "The mean difference between the capacity that the base station believes and the true one.",
+            "loop_delay.svg",
+            "What a trip loses when every report comes so late, and where the policies lie: at their mean age, with the delays \
+             that the played seconds of radio gave. The dotted line is what the same hours cost without any advice.",
         ),
     ];
     let sections = vec![Section {
         heading: "From slot to street",
-        text: "Incidents take road capacity, vehicles report them by radio, and the base station plans all routes anew on \
-               what it has heard. Regret is how much longer a trip takes than with full knowledge."
+        text: "Vehicles queue, incidents slow roads down, connected vehicles report their speeds by radio, and who follows \
+               advice takes another way if it saves time on what the base station believes. Every row puts one thing more in \
+               the way of what it knows."
             .to_owned(),
-        blocks: [meanings(&experiment.policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
+        blocks: [meanings(policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
     }];
     let summary =
-        format!("{SCENE} This is what freshness is worth to a trip, on the same worlds and incidents.");
-    page("Freshlane: from slot to street", summary, experiment, sections)
+        format!("{SCENE} This is what freshness is worth to a trip, on the same trips and incidents.");
+    let facts = vec![("hours", description.to_owned())];
+    page(
+        "Freshlane: from slot to street",
+        summary,
+        facts,
+        scenario,
+        weights,
+        sections,
+    )
 }
 
 /// What the policies do, in the words of the command line's help.
@@ -171,23 +201,28 @@ fn figures(set: &[NamedText], captions: &[(&str, &str)]) -> Vec<Block> {
     found.map(|(svg, caption)| Block::figure(svg, caption)).collect()
 }
 
-fn page(title: &str, summary: String, experiment: &Experiment, mut sections: Vec<Section>) -> Result<Page> {
-    let table = experiment.table.parse()?;
+fn page(
+    title: &str,
+    summary: String,
+    mut facts: Vec<(&'static str, String)>,
+    scenario: &Scenario,
+    weights: &WeightTable,
+    mut sections: Vec<Section>,
+) -> Result<Page> {
+    let table = weights.parse()?;
     let provenance = table.provenance();
-    let facts = vec![
-        ("worlds", experiment.description()),
-        ("mobility", experiment.mobility_name()),
+    facts.extend([
         (
             "changed keys",
-            changed_keys(experiment).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
+            changed_keys(scenario).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
         ),
         ("program", own_revision()),
         (
             "weight table",
             format!(
                 "{}: {} bytes, seed {}, from sources {}{}",
-                experiment.table.name(),
-                experiment.table.bytes().len(),
+                weights.name(),
+                weights.bytes().len(),
                 provenance.seed,
                 revision_text(&provenance.revision),
                 if provenance.modified {
@@ -197,8 +232,8 @@ fn page(title: &str, summary: String, experiment: &Experiment, mut sections: Vec
                 }
             ),
         ),
-    ];
-    let scenario = toml::to_string(&experiment.scenario).unwrap_or_default();
+    ]);
+    let scenario = toml::to_string(scenario).unwrap_or_default();
     sections.push(Section {
         heading: "How to repeat it",
         text: "The same scenario, table and seed give the same numbers on any machine with any number of threads. Training \
@@ -215,9 +250,9 @@ fn page(title: &str, summary: String, experiment: &Experiment, mut sections: Vec
 }
 
 /// The scenario's keys that differ from the paper's, with their values.
-fn changed_keys(experiment: &Experiment) -> Option<String> {
+fn changed_keys(scenario: &Scenario) -> Option<String> {
     let paper = Preset::Paper.values();
-    let values = toml::Table::try_from(&experiment.scenario).ok()?;
+    let values = toml::Table::try_from(scenario).ok()?;
     let keys = listed(Scenario::KEYS);
     let changed = keys
         .iter()

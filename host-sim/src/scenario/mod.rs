@@ -272,18 +272,61 @@ keys! {
 
     /// The section `planning`.
     pub struct PlanningScenario {
-        /// Time between two plans of all routes.
-        #[key(range = 1.0..=100_000_000.0, unit = "slots", source = "chosen")]
-        pub period_slots: u32,
+        /// What a lane of the grid's roads carries in the loop, of which each direction has `mobility.lanes_per_direction`.
+        #[key(range = 1.0..=1e5, unit = "veh/h", source = "chosen, a customary saturation flow")]
+        pub lane_capacity_veh_per_h: f64,
+        /// Trips for each pair of the grid's crossings in the loop.
+        #[key(range = 0.0..=1e6, unit = "veh/h", source = "chosen: without incidents nobody queues")]
+        pub trips_per_pair_veh_per_h: f64,
+        /// Factor on the trips of a loaded network.
+        #[key(range = 0.0..=1e6, source = "chosen")]
+        pub demand_factor: f64,
+        /// Time for which vehicles set out.
+        #[key(range = 60.0..=86_400.0, unit = "s", source = "chosen")]
+        pub horizon_s: f64,
+        /// Trips that set out before do not count.
+        #[key(range = 0.0..=86_400.0, unit = "s", source = "chosen")]
+        pub warmup_s: f64,
+        /// Time between two looks at the roads: connected vehicles have a report ready, the base station's beliefs fade.
+        #[key(range = 0.1..=60.0, unit = "s", source = "chosen")]
+        pub look_s: f64,
         /// Mean time from one incident's end to the next one's start, on each block.
-        #[key(range = 1e-6..=1e6, unit = "s", source = "chosen")]
+        #[key(range = 1.0..=1e9, unit = "s", source = "chosen")]
         pub incident_interval_s: f64,
-        /// Mean time that an incident lasts, compressed so that seconds show what hours would.
-        #[key(range = 1e-6..=1e6, unit = "s", source = "chosen")]
+        /// Mean time that an incident lasts.
+        #[key(range = 1.0..=1e6, unit = "s", source = "chosen")]
         pub incident_duration_s: f64,
-        /// Share of both directions' capacity that an incident takes.
+        /// Share of both directions' capacity that an incident takes; vehicles slow down to the speed at which the rest flows.
         #[key(range = 0.0..=0.99, source = "chosen")]
         pub incident_capacity_loss: f64,
+        /// Share of vehicles that are connected and report.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub connected_share: f64,
+        /// Share of vehicles that follow advice, connected or not.
+        #[key(range = 0.0..=1.0, source = "chosen")]
+        pub obeying_share: f64,
+        /// Observed driving over which a report weighs against those before it: what the detector of slow roads needs.
+        #[key(range = 0.0..=3600.0, unit = "s", source = "chosen")]
+        pub detector_memory_s: f64,
+        /// Time in which a belief falls to 1/e of the way back to the usual when nothing is heard of a road.
+        #[key(range = 1.0..=1e9, unit = "s", source = "chosen")]
+        pub belief_fade_s: f64,
+        /// Time between two pieces of advice to a vehicle on its way.
+        #[key(range = 1.0..=86_400.0, unit = "s", source = "chosen")]
+        pub advice_s: f64,
+        /// A vehicle takes the believed time of a road for up to so large a share longer or shorter, so that not all take the
+        /// same way out.
+        #[key(range = 0.0..=0.99, source = "chosen")]
+        pub choice_spread: f64,
+        /// Share of the time ahead that another way must save before a vehicle takes it.
+        #[key(range = 0.0..=0.99, source = "chosen")]
+        pub choice_gain: f64,
+        /// Distance between the base stations of a loaded network, on a square lattice over it.
+        #[key(range = 1.0..=1e6, unit = "m", source = "chosen: the paper's cell")]
+        pub station_spacing_m: f64,
+        /// Time between two sampled seconds of radio.
+        #[key(range = 1.0..=86_400.0, unit = "s", source = "chosen")]
+        pub radio_sample_s: f64,
     }
 }
 
