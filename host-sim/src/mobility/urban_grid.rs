@@ -2,10 +2,15 @@
 //! that turn at crossings. The outermost streets carry only the lanes on the grid's side, and a vehicle that reaches
 //! the edge goes on along it, so the number of vehicles stays the same.
 
+mod signals;
+mod streets;
+
 use super::{Mobility, MobilitySource, Place, Road};
 use crate::scenario::{MobilityScenario, Scenario};
 use crate::stream::{Role, Stream, WorldKey};
 use kit::error::Result;
+use signals::Signals;
+use streets::Streets;
 
 /// The scenario's urban grid, with other vehicles on it in each world.
 #[derive(Clone, Copy, Debug, Default)]
@@ -13,8 +18,7 @@ pub struct Grid;
 
 impl MobilitySource for Grid {
     fn open<'s>(&'s self, scenario: &'s Scenario, key: &WorldKey) -> Box<dyn Mobility + 's> {
-        let stream = key.stream(Role::Mobility, 0);
-        Box::new(UrbanGrid::new(&scenario.mobility, scenario.cell.vehicles, stream))
+        Box::new(UrbanGrid::new(&scenario.mobility, scenario.cell.vehicles, key))
     }
 
     fn describe(&self, scenario: &Scenario) -> String {
@@ -65,6 +69,26 @@ impl Heading {
             -1.0
         }
     }
+
+    /// After a turn to the left.
+    const fn left(self) -> Self {
+        match self {
+            Self::North => Self::West,
+            Self::West => Self::South,
+            Self::South => Self::East,
+            Self::East => Self::North,
+        }
+    }
+
+    /// After a turn to the right.
+    const fn right(self) -> Self {
+        match self {
+            Self::North => Self::East,
+            Self::East => Self::South,
+            Self::South => Self::West,
+            Self::West => Self::North,
+        }
+    }
 }
 
 /// A vehicle on a lane: `across` is the lane's coordinate, `along` the vehicle's place on it.
@@ -73,15 +97,26 @@ struct Vehicle {
     heading: Heading,
     across_m: f64,
     along_m: f64,
+    /// Where nothing holds it up.
+    free_speed_m_per_s: f64,
     speed_m_per_s: f64,
     moved_m: f64,
+    /// The lane of the crossing it is at that it turns into.
+    turn: Option<Turn>,
+}
+
+/// A lane that a vehicle may turn into, by heading and coordinate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Turn {
+    heading: Heading,
+    lane_m: f64,
 }
 
 /// Vehicles on the grid.
 struct UrbanGrid<'s> {
-    scenario: &'s MobilityScenario,
-    /// Coordinates across each heading's lanes, ascending.
-    lanes: [Vec<f64>; 4],
+    streets: Streets<'s>,
+    /// At the crossings, if they have any.
+    signals: Option<Signals>,
     vehicles: Vec<Vehicle>,
     /// How many vehicles the scenario has; others joined.
     count: u32,
@@ -90,45 +125,50 @@ struct UrbanGrid<'s> {
 }
 
 impl<'s> UrbanGrid<'s> {
-    /// `count` vehicles, each on a uniformly drawn heading, lane and place, with a uniformly drawn speed.
-    fn new(scenario: &'s MobilityScenario, count: u32, mut stream: Stream) -> Self {
-        let lanes = Heading::ALL.map(|heading| lanes(scenario, heading));
+    /// `count` vehicles, each on a uniformly drawn heading, lane and place, with a uniformly drawn speed; where there are signals,
+    /// some time later.
+    fn new(scenario: &'s MobilityScenario, count: u32, key: &WorldKey) -> Self {
+        let mut stream = key.stream(Role::Mobility, 0);
+        let streets = Streets::new(scenario);
         let vehicles = (0..count)
-            .map(|index| Vehicle::draw(scenario, &lanes, index, count, &mut stream))
+            .map(|index| Vehicle::draw(&streets, index, count, &mut stream))
             .collect();
-        Self {
-            scenario,
+        let mut grid = Self {
+            signals: Signals::new(scenario, &mut key.stream(Role::Mobility, 1)),
+            streets,
             count,
-            lanes,
             vehicles,
             stream,
             slots: 0,
+        };
+        if let Some(signals) = &mut grid.signals {
+            signals.lead_in(&grid.streets, &mut grid.vehicles, &mut grid.stream);
         }
+        grid
     }
 }
 
 impl Mobility for UrbanGrid<'_> {
     fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
-        let seconds = f64::from(slots - self.slots) / 1000.0;
+        let (streets, stream) = (&self.streets, &mut self.stream);
+        if let Some(signals) = &mut self.signals {
+            signals.drive(self.slots..slots, streets, &mut self.vehicles, stream);
+        } else {
+            let seconds = f64::from(slots - self.slots) / 1000.0;
+            for vehicle in &mut self.vehicles {
+                let way_m = vehicle.free_speed_m_per_s * seconds;
+                vehicle.moved_m = streets.drive(vehicle, way_m, stream, |_, _| f64::INFINITY);
+            }
+        }
         self.slots = slots;
         places.clear();
-        for (index, vehicle) in self.vehicles.iter_mut().enumerate() {
-            vehicle.moved_m = vehicle.speed_m_per_s * seconds;
-            drive(vehicle, self.scenario, &self.lanes, &mut self.stream);
-            places.push((index, vehicle.place()));
-        }
+        places.extend(self.vehicles.iter().map(Vehicle::place).enumerate());
         Ok(())
     }
 
     /// Anywhere on the grid.
     fn replace(&mut self, vehicle: usize) -> Option<Place> {
-        let drawn = Vehicle::draw(
-            self.scenario,
-            &self.lanes,
-            vehicle as u32,
-            self.count,
-            &mut self.stream,
-        );
+        let drawn = Vehicle::draw(&self.streets, vehicle as u32, self.count, &mut self.stream);
         self.vehicles[vehicle] = drawn;
         Some(self.vehicles[vehicle].place())
     }
@@ -140,21 +180,18 @@ impl Mobility for UrbanGrid<'_> {
         }
         let lanes = Heading::ALL.into_iter().flat_map(|heading| {
             let (across, along) = if heading.along_y() { (x_m, y_m) } else { (y_m, x_m) };
-            let lanes = self.lanes[heading as usize].iter();
+            let lanes = self.streets.lanes[heading as usize].iter();
             lanes.map(move |&lane| (heading, lane, along, (lane - across).abs()))
         });
         let nearest = lanes.min_by(|(.., a), (.., b)| a.total_cmp(b));
         // A grid has a street along each side of its blocks.
         let (heading, across_m, along_m, _) = nearest.unwrap_or((Heading::North, x_m, y_m, 0.0));
-        let scenario = self.scenario;
+        let scenario = self.streets.scenario;
         let (slowest, fastest) = (scenario.min_speed_m_per_s, scenario.max_speed_m_per_s);
-        self.vehicles.push(Vehicle {
-            heading,
-            across_m,
-            along_m: along_m.clamp(0.0, extent(scenario, heading)),
-            speed_m_per_s: self.stream.uniform_between(slowest, fastest),
-            moved_m: 0.0,
-        });
+        let along_m = along_m.clamp(0.0, self.streets.extent_m(heading));
+        let speed_m_per_s = self.stream.uniform_between(slowest, fastest);
+        self.vehicles
+            .push(Vehicle::new((heading, across_m, along_m), speed_m_per_s));
         Some(self.vehicles.len() - 1)
     }
 
@@ -164,26 +201,26 @@ impl Mobility for UrbanGrid<'_> {
 }
 
 impl Vehicle {
-    /// The vehicle of this index out of `count`: uniform heading, lane, place and speed.
-    fn draw(
-        scenario: &MobilityScenario,
-        lanes: &[Vec<f64>; 4],
-        index: u32,
-        count: u32,
-        stream: &mut Stream,
-    ) -> Self {
-        let heading = Heading::ALL[stream.below(4) as usize];
-        let lanes = &lanes[heading as usize];
-        let across_m = lanes[stream.below(lanes.len() as u32) as usize];
-        let along_m = stream.uniform_between(0.0, extent(scenario, heading));
-        let speed_m_per_s = scenario.speed_m_per_s(index, count, stream);
+    fn new((heading, across_m, along_m): (Heading, f64, f64), speed_m_per_s: f64) -> Self {
         Self {
             heading,
             across_m,
             along_m,
+            free_speed_m_per_s: speed_m_per_s,
             speed_m_per_s,
             moved_m: 0.0,
+            turn: None,
         }
+    }
+
+    /// The vehicle of this index out of `count`: uniform heading, lane, place and speed.
+    fn draw(streets: &Streets<'_>, index: u32, count: u32, stream: &mut Stream) -> Self {
+        let heading = Heading::ALL[stream.below(4) as usize];
+        let lanes = &streets.lanes[heading as usize];
+        let across_m = lanes[stream.below(lanes.len() as u32) as usize];
+        let along_m = stream.uniform_between(0.0, streets.extent_m(heading));
+        let speed_m_per_s = streets.scenario.speed_m_per_s(index, count, stream);
+        Self::new((heading, across_m, along_m), speed_m_per_s)
     }
 
     fn place(&self) -> Place {
@@ -199,96 +236,18 @@ impl Vehicle {
             speed_m_per_s: self.speed_m_per_s,
         }
     }
-}
 
-/// Drives `moved_m` onwards, deciding at every crossing lane whether to turn into it.
-fn drive(vehicle: &mut Vehicle, scenario: &MobilityScenario, lanes: &[Vec<f64>; 4], stream: &mut Stream) {
-    let mut remaining = vehicle.moved_m;
-    while remaining > 0.0 {
-        let sign = vehicle.heading.sign();
-        let edge = if sign > 0.0 {
-            extent(scenario, vehicle.heading)
-        } else {
-            0.0
-        };
-        let crossing =
-            next_crossing(vehicle, lanes).filter(|(_, lane)| (lane - vehicle.along_m) * sign <= remaining);
-        if let Some((heading, lane)) = crossing {
-            remaining -= (lane - vehicle.along_m).abs();
-            vehicle.along_m = lane;
-            if stream.chance(scenario.turn_probability) {
-                turn(vehicle, heading);
-            }
-        } else if (edge - vehicle.along_m) * sign > remaining {
-            vehicle.along_m += sign * remaining;
-            return;
-        } else {
-            // Past the last crossing lane there is only the edge: go on along the border.
-            remaining -= (edge - vehicle.along_m).abs();
-            let border = match vehicle.heading {
-                Heading::North => Heading::East,
-                Heading::East => Heading::South,
-                Heading::South => Heading::West,
-                Heading::West => Heading::North,
-            };
-            let border_lanes = &lanes[border as usize];
-            let outermost = if sign > 0.0 {
-                border_lanes.last()
-            } else {
-                border_lanes.first()
-            };
-            vehicle.along_m = outermost.copied().unwrap_or(edge);
-            turn(vehicle, border);
-        }
+    /// How far ahead a place on its lane is.
+    fn distance_m(&self, along_m: f64) -> f64 {
+        (along_m - self.along_m) * self.heading.sign()
     }
-}
 
-/// The next lane across the vehicle's way, strictly ahead.
-fn next_crossing(vehicle: &Vehicle, lanes: &[Vec<f64>; 4]) -> Option<(Heading, f64)> {
-    let sign = vehicle.heading.sign();
-    let across = Heading::ALL
-        .into_iter()
-        .filter(|heading| heading.along_y() != vehicle.heading.along_y());
-    across
-        .flat_map(|heading| lanes[heading as usize].iter().map(move |&lane| (heading, lane)))
-        .filter(|(_, lane)| (lane - vehicle.along_m) * sign > 0.0)
-        .min_by(|(_, a), (_, b)| (a * sign).total_cmp(&(b * sign)))
-}
-
-/// Leaves the lane at the present place for the lane that crosses there.
-fn turn(vehicle: &mut Vehicle, heading: Heading) {
-    std::mem::swap(&mut vehicle.across_m, &mut vehicle.along_m);
-    vehicle.heading = heading;
-}
-
-/// Length of the lanes of one heading.
-fn extent(scenario: &MobilityScenario, heading: Heading) -> f64 {
-    if heading.along_y() {
-        scenario.block_y_m * f64::from(scenario.blocks_y)
-    } else {
-        scenario.block_x_m * f64::from(scenario.blocks_x)
+    /// Leaves its lane at the present place for one that crosses there.
+    fn turn(&mut self, heading: Heading) {
+        std::mem::swap(&mut self.across_m, &mut self.along_m);
+        self.heading = heading;
+        self.turn = None;
     }
-}
-
-/// Lane centres of one heading, ascending: vehicles keep to the right of each street's middle.
-fn lanes(scenario: &MobilityScenario, heading: Heading) -> Vec<f64> {
-    let (block, blocks) = if heading.along_y() {
-        (scenario.block_x_m, scenario.blocks_x)
-    } else {
-        (scenario.block_y_m, scenario.blocks_y)
-    };
-    // North- and west-bound lanes lie on the side of the growing coordinate.
-    let growing_side = matches!(heading, Heading::North | Heading::West);
-    let mut lanes = Vec::new();
-    for street in 0..blocks {
-        for lane in 0..scenario.lanes_per_direction {
-            let offset = (f64::from(lane) + 0.5) * scenario.lane_width_m;
-            let middle = if growing_side { street } else { street + 1 };
-            lanes.push(f64::from(middle) * block + if growing_side { offset } else { -offset });
-        }
-    }
-    lanes.sort_by(f64::total_cmp);
-    lanes
 }
 
 #[cfg(test)]
@@ -298,27 +257,6 @@ mod tests {
     use crate::stream::Purpose;
 
     #[test]
-    fn lanes_are_those_of_the_urban_case() {
-        let scenario = ScenarioSource::default().read().unwrap().mobility;
-        assert_eq!(
-            lanes(&scenario, Heading::North),
-            [1.75, 5.25, 251.75, 255.25, 501.75, 505.25]
-        );
-        assert_eq!(
-            lanes(&scenario, Heading::South),
-            [244.75, 248.25, 494.75, 498.25, 744.75, 748.25]
-        );
-        assert_eq!(
-            lanes(&scenario, Heading::West),
-            [1.75, 5.25, 434.75, 438.25, 867.75, 871.25]
-        );
-        assert_eq!(
-            lanes(&scenario, Heading::East),
-            [427.75, 431.25, 860.75, 864.25, 1293.75, 1297.25]
-        );
-    }
-
-    #[test]
     fn vehicles_stay_on_lanes_keep_their_speed_and_turn() {
         let scenario = ScenarioSource::default().read().unwrap().mobility;
         let key = WorldKey {
@@ -326,7 +264,7 @@ mod tests {
             purpose: Purpose::Evaluation,
             world: 0,
         };
-        let mut grid = UrbanGrid::new(&scenario, 200, key.stream(Role::Mobility, 0));
+        let mut grid = UrbanGrid::new(&scenario, 200, &key);
         let mut places = Vec::new();
         grid.advance(0, &mut places).unwrap();
         let mut previous = places.clone();
@@ -339,7 +277,7 @@ mod tests {
                 turns += u32::from(heading != headings[*v]);
                 let across = if heading.along_y() { place.x_m } else { place.y_m };
                 assert!(
-                    grid.lanes[heading as usize].contains(&across),
+                    grid.streets.lanes[heading as usize].contains(&across),
                     "vehicle {v} left its lane: {place:?}"
                 );
                 assert!(

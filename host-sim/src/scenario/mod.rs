@@ -137,9 +137,29 @@ keys! {
         /// Speed of the fastest vehicle.
         #[key(range = 0.0..=100.0, unit = "m/s", source = "Table I")]
         pub max_speed_m_per_s: f64,
-        /// Probability that a vehicle turns into a lane that it crosses.
+        /// Where a vehicle on the grid makes up its mind whether to turn.
+        #[key(source = "per-lane in the companion code, per-crossing in 3GPP TR 36.885 A.1.2")]
+        pub turns: Turns,
+        /// Probability that a vehicle turns into a lane that it crosses, where turns are per lane. With two lanes in each direction
+        /// 59 % leave a crossing to the right, 24 % straight on, 11 % to the left, and 6 % where they came from.
         #[key(range = 0.0..=1.0, source = "3GPP TR 36.885 A.1.2 as the companion code reads it")]
         pub turn_probability: f64,
+        /// Share of vehicles that turn left at a crossing, where turns are per crossing. Where a way does not lead on, the
+        /// others take its share.
+        #[key(range = 0.0..=1.0, source = "3GPP TR 36.885 A.1.2, TR 37.885")]
+        pub left_turn_share: f64,
+        /// Share that turn right; the rest go straight on.
+        #[key(range = 0.0..=1.0, source = "3GPP TR 36.885 A.1.2, TR 37.885")]
+        pub right_turn_share: f64,
+        /// Cycle of the fixed-time signals at the crossings of the grid, before which vehicles queue; 0 for none.
+        #[key(range = 0.0..=600.0, unit = "s", source = "0 in the paper, 60 to 120 are usual")]
+        pub signal_cycle_s: f64,
+        /// Share of the cycle in which a street has red. Above 0.5, both streets have at times.
+        #[key(range = 0.5..=0.99, source = "chosen, the paper has none")]
+        pub signal_red_share: f64,
+        /// From one vehicle of a queue to the next, and the least distance on a lane with signals.
+        #[key(range = 0.0..=1000.0, unit = "m", source = "chosen: 5 m of vehicle, 2.5 m of gap")]
+        pub queue_spacing_m: f64,
         /// Share of the vehicles on the grid or on a network's streets that stand from the start, as in a jam or a depot. Without
         /// `fading.follows_speed` it changes places and shadowing alone.
         #[key(range = 0.0..=1.0, source = "chosen, the paper has none")]
@@ -330,6 +350,16 @@ keys! {
     }
 }
 
+kit::choices! {
+    /// Where vehicles on the grid turn.
+    pub enum Turns {
+        /// At each lane that they cross, with one probability.
+        PerLane = "per-lane",
+        /// Once at each crossing, with a share for each way.
+        PerCrossing = "per-crossing",
+    }
+}
+
 /// Exact, by definition of the metre.
 const SPEED_OF_LIGHT_M_PER_S: f64 = 299_792_458.0;
 
@@ -393,6 +423,13 @@ impl Scenario {
             mobility.min_speed_m_per_s,
             f64::INFINITY,
             "at least mobility.min_speed_m_per_s",
+        )?;
+        within(
+            "mobility.right_turn_share",
+            mobility.right_turn_share,
+            0.0,
+            1.0 - mobility.left_turn_share,
+            "at most 1 less mobility.left_turn_share",
         )?;
         if !fading.follows_speed {
             within(
