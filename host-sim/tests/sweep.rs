@@ -318,6 +318,31 @@ radio.noise_power_dbm = [-114, -110.5]
 }
 
 #[test]
+fn flags_and_names_of_a_scenario_may_be_lists_too() {
+    let bench = Bench::new(
+        "
+worlds = 1
+slots = 5
+warmup = 0
+policy = \"assigned\"
+fading.follows_speed = [false, true]
+mobility.turns = [\"per-lane\", \"per-crossing\"]
+",
+    );
+    let _object = bench.json("sweep", "out", &[]);
+    let _object = bench.json("merge", "out", &[]);
+    let csv = std::fs::read_to_string(bench.path("out/merged.csv")).unwrap();
+    assert!(
+        csv.starts_with("point,fading.follows_speed,mobility.turns,"),
+        "{csv}"
+    );
+    assert!(csv.contains("\n2,true,per-lane,"), "{csv}");
+    bench.write("fading.follows_speed = 1\n");
+    let message = bench.refusal("sweep", "other", &[]);
+    assert!(message.ends_with("found 1, expected true or false"), "{message}");
+}
+
+#[test]
 fn bad_grids_and_shards_are_one_line_each() {
     let bench = Bench::new(SMALL);
     let with = |grid: &str| {

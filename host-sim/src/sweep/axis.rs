@@ -14,6 +14,8 @@ pub enum Kind {
     Integer,
     /// Numbers.
     Number,
+    /// True or false.
+    Flag,
     /// Names.
     Text,
     /// Files, relative to the grid's folder.
@@ -51,7 +53,7 @@ pub struct Axis {
     pub key: String,
     /// The type of its values.
     pub kind: Kind,
-    /// At least one, all of one type: [`Value::Integer`], [`Value::Float`] or [`Value::String`].
+    /// At least one, all of one type: [`Value::Integer`], [`Value::Float`], [`Value::Boolean`] or [`Value::String`].
     pub values: Vec<Value>,
 }
 
@@ -65,10 +67,11 @@ pub fn known() -> Result<Vec<(String, Kind)>> {
         for (name, value) in table.as_table().into_iter().flatten() {
             let key = format!("{section}.{name}");
             if key != "cell.vehicles" {
-                let kind = if value.is_float() {
-                    Kind::Number
-                } else {
-                    Kind::Integer
+                let kind = match value {
+                    Value::Float(_) => Kind::Number,
+                    Value::Boolean(_) => Kind::Flag,
+                    Value::String(_) => Kind::Text,
+                    _ => Kind::Integer,
                 };
                 keys.push((key, kind));
             }
@@ -97,11 +100,13 @@ impl Axis {
             let expected = match kind {
                 Kind::Integer => "whole numbers from 0",
                 Kind::Number => "numbers",
+                Kind::Flag => "true or false",
                 Kind::Text | Kind::File => "text",
             };
             let value = match (kind, value) {
                 (Kind::Number, Value::Integer(value)) => Value::Float(value as f64),
                 (Kind::Number, value @ Value::Float(_))
+                | (Kind::Flag, value @ Value::Boolean(_))
                 | (Kind::Text | Kind::File, value @ Value::String(_)) => value,
                 (Kind::Integer, Value::Integer(value)) if value >= 0 => Value::Integer(value),
                 (_, value) => return Err(Error::input(place, value, expected)),

@@ -69,7 +69,7 @@ impl Merged {
                     values.map(|value| value.as_integer().map(i64::cast_unsigned)),
                 ),
                 Kind::Number => Column::number(&axis.key, values.map(Value::as_float)),
-                Kind::Text | Kind::File => Column::text(&axis.key, values.map(text)),
+                Kind::Flag | Kind::Text | Kind::File => Column::text(&axis.key, values.map(text)),
             };
             if axis.key == POLICY || axis.key == SEED {
                 last.push(column);
