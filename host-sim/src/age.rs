@@ -54,6 +54,12 @@ impl Mean {
         self.count += other.count;
     }
 
+    fn of_all<'m>(means: impl IntoIterator<Item = &'m Self>) -> Self {
+        let mut total = Self::default();
+        means.into_iter().for_each(|mean| total.merge(mean));
+        total
+    }
+
     /// How many values.
     pub const fn count(&self) -> u64 {
         self.count
@@ -68,9 +74,12 @@ impl Mean {
 impl WorldAges {
     /// Mean over vehicles and slots after warm-up.
     pub fn mean(&self) -> Option<f64> {
-        let mut total = Mean::default();
-        self.by_vehicle.iter().for_each(|mean| total.merge(mean));
-        total.value()
+        Mean::of_all(&self.by_vehicle).value()
+    }
+
+    /// The same of ages that do not saturate at T.
+    pub fn uncapped_mean(&self) -> Option<f64> {
+        Mean::of_all(&self.uncapped).value()
     }
 }
 
@@ -337,6 +346,8 @@ pub struct AgeSummary {
     pub ci95_ms: Option<f64>,
     /// The mean of ages that do not saturate at T = 100 ms, over vehicles and slots after warm-up of all worlds.
     pub uncapped_mean_ms: f64,
+    /// Half the width of its 95 % interval over worlds; `None` for a single world.
+    pub uncapped_ci95_ms: Option<f64>,
     /// Median over worlds of their means.
     pub median_world_ms: f64,
     /// Mean of each world in which a vehicle was present after warm-up, in the order of worlds.
@@ -398,14 +409,9 @@ impl AgeSummary {
                 .zip(&world.start)
                 .for_each(|(total, mean)| total.merge(mean));
         }
-        let mut cold_start = Mean::default();
-        start
-            .iter()
-            .take(COLD_START_SLOTS)
-            .for_each(|mean| cold_start.merge(mean));
-        let mut uncapped = Mean::default();
-        let vehicles = worlds.iter().flat_map(|world| &world.uncapped);
-        vehicles.for_each(|mean| uncapped.merge(mean));
+        let cold_start = Mean::of_all(start.iter().take(COLD_START_SLOTS));
+        let uncapped = Mean::of_all(worlds.iter().flat_map(|world| &world.uncapped));
+        let uncapped_means: Vec<f64> = worlds.iter().filter_map(WorldAges::uncapped_mean).collect();
         let slots: u64 = worlds.iter().map(|world| world.slots).sum();
         let successes: u64 = worlds.iter().map(|world| world.successes).sum();
         let vehicle_slots: u64 = histogram.iter().sum();
@@ -418,6 +424,7 @@ impl AgeSummary {
             mean_ms,
             ci95_ms,
             uncapped_mean_ms: uncapped.value().unwrap_or(mean_ms),
+            uncapped_ci95_ms: Self::mean_and_interval(&uncapped_means).1,
             median_world_ms,
             by_world_ms,
             joiners: Joiners::new(worlds),
@@ -568,6 +575,11 @@ mod tests {
         assert_eq!(summary.worst_vehicles_ms, 5.5);
         assert_eq!(summary.by_vehicle[0].count(), 4);
         assert!((summary.ci95_ms.unwrap() - 12.706).abs() < 1e-12); // standard error 1
+        assert_eq!(
+            (summary.uncapped_mean_ms, summary.uncapped_ci95_ms),
+            (4.5, summary.ci95_ms),
+            "no age is beyond T"
+        );
         assert_eq!(AgeSummary::new(&AgeCounter::new(5, 1, 1).worlds()), None);
     }
 

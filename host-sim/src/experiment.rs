@@ -256,6 +256,7 @@ impl Experiment {
             "age_above_50_ms": ages.share_above(50),
             "worst_vehicles_ms": ages.worst_vehicles_ms,
             "uncapped_mean_age_ms": ages.uncapped_mean_ms,
+            "uncapped_mean_age_ci95_ms": ages.uncapped_ci95_ms,
             "uncapped_worst_vehicles_ms": ages.uncapped_worst_vehicles_ms,
             "transmissions_per_vehicle_slot": ages.transmissions_per_vehicle_slot,
             "energy_mj_per_vehicle_slot": ages.energy_mj_per_vehicle_slot,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// A point's result. Ages in ms; the keys are those of `host-sim run --json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,6 +33,9 @@ pub struct Outcome {
     pub age_above_20_ms: f64,
     pub age_above_50_ms: f64,
     pub worst_vehicles_ms: f64,
+    pub uncapped_mean_age_ms: f64,
+    pub uncapped_mean_age_ci95_ms: Option<f64>,
+    pub uncapped_worst_vehicles_ms: f64,
     pub transmissions_per_vehicle_slot: f64,
     pub energy_mj_per_vehicle_slot: f64,
     /// `None` with a trace, like all that follows.
@@ -48,7 +51,7 @@ impl Outcome {
     pub const EXTENT: [&str; 4] = ["vehicles", "worlds", "slots", "warmup"];
 
     /// Columns of what came out; a new one goes to the end.
-    pub const NUMBERS: [&str; 19] = [
+    pub const NUMBERS: [&str; 22] = [
         "bound_age_ms",
         "mean_age_ms",
         "mean_age_ci95_ms",
@@ -68,6 +71,9 @@ impl Outcome {
         "worst_vehicles_ms",
         "transmissions_per_vehicle_slot",
         "energy_mj_per_vehicle_slot",
+        "uncapped_mean_age_ms",
+        "uncapped_mean_age_ci95_ms",
+        "uncapped_worst_vehicles_ms",
     ];
 
     /// Simulates a point, which has one policy, on the current rayon pool.
