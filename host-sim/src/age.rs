@@ -508,6 +508,15 @@ fn student_t_975(degrees_of_freedom: usize) -> f64 {
 /// With V vehicles on N sub-channels a vehicle's turn comes every V/N slots, so that ages of whole slots alternate between
 /// its two neighbours: 3.85 for 20 on 3.
 pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
+    ideal_age_up_to(TIME_CONSTRAINT.into(), vehicles, sub_channels)
+}
+
+/// The same of ages that do not saturate at T = 100 ms.
+pub fn uncapped_ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
+    ideal_age_up_to(u64::MAX, vehicles, sub_channels)
+}
+
+fn ideal_age_up_to(limit: u64, vehicles: u32, sub_channels: u32) -> f64 {
     if vehicles <= sub_channels {
         return 1.0;
     }
@@ -518,7 +527,6 @@ pub fn ideal_age_ms(vehicles: u32, sub_channels: u32) -> f64 {
     );
     let (vehicles, sub_channels) = (u64::from(vehicles), u64::from(sub_channels));
     // An interval of L slots adds 1 + 2 + ... + L, where every term saturates at the largest age.
-    let limit = u64::from(TIME_CONSTRAINT);
     let interval = |length: u64| {
         let growing = length.min(limit);
         growing * (growing + 1) / 2 + (length - growing) * limit
@@ -539,6 +547,7 @@ mod tests {
         assert_eq!(ideal_age_ms(6, 1), 3.5);
         // Saturated: 100 - 4950 N / V.
         assert_eq!(ideal_age_ms(400, 3), 62.875);
+        assert_eq!(uncapped_ideal_age_ms(2000, 1), 1000.5);
     }
 
     #[test]

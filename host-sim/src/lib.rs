@@ -51,6 +51,7 @@ pub mod hil;
 pub mod imperfections;
 pub mod journeys;
 pub mod lanes;
+pub mod load;
 pub mod mobility;
 pub mod neighbours;
 pub mod pack;

@@ -22,6 +22,8 @@ enum Command {
     Loop(command::closed_loop::LoopArguments),
     /// User equilibrium or system optimum of a road network
     Assign(command::assign::AssignArguments),
+    /// How many vehicles a sub-channel carries at a mean age of at most 10, 100 and 1,000 ms, by policy
+    Carry(command::carry::CarryArguments),
     /// The paper's path-planning figures with their data
     Figures(command::figures::FigureArguments),
     /// A grid of scenarios, policies and seeds, whole or one shard of it
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Some(Command::Run(arguments)) => command::run::run(&arguments),
         Some(Command::Loop(arguments)) => command::closed_loop::run(&arguments),
         Some(Command::Assign(arguments)) => command::assign::run(&arguments),
+        Some(Command::Carry(arguments)) => command::carry::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Sweep(arguments)) => command::sweep::run(&arguments),
         Some(Command::Merge(arguments)) => command::merge::run(&arguments),

@@ -2,6 +2,7 @@
 
 pub mod assign;
 pub mod bench;
+pub mod carry;
 pub mod closed_loop;
 pub mod deadline;
 pub mod explain;
