@@ -15,6 +15,8 @@ use host_sim::stream::Purpose;
 
 /// Every imperfection at once.
 const ALL: &[&str] = &[
+    "mobility.turns=\"per-crossing\"",
+    "mobility.signal_cycle_s=20",
     "mobility.standing_share=0.3",
     "fading.follows_speed=true",
     "fading.residual_doppler_hz=1",
@@ -220,6 +222,36 @@ fn who_stands_keeps_its_fading() {
             "vehicle {vehicle}"
         );
     }
+}
+
+/// Queues at signals stand, and leave: some vehicles are at speed 0 at any time, and hardly one for good.
+#[test]
+fn queues_stand_where_fading_follows_speed() {
+    let scenario = scenario(&[
+        "fading.follows_speed=true",
+        "mobility.signal_cycle_s=10",
+        "cell.vehicles=200",
+    ]);
+    let mut environment = Environment::new(&scenario, &Grid, 5, Purpose::Evaluation, 0..2);
+    let decisions = Decisions::new(2, 200);
+    let mut stood = [[0; 200]; 2];
+    for slot in 0..8000 {
+        if slot % 100 == 0 {
+            for (world, stood) in stood.iter_mut().enumerate() {
+                let places = environment.places(world);
+                let standing = places.iter().filter(|(_, place)| place.speed_m_per_s == 0.0);
+                let standing: Vec<usize> = standing.map(|&(vehicle, _)| vehicle).collect();
+                assert!((1..60).contains(&standing.len()), "{standing:?}");
+                standing.iter().for_each(|&vehicle| stood[vehicle] += 1);
+            }
+        }
+        environment.step(&decisions);
+    }
+    assert!(stood.iter().flatten().all(|&times| times < 75), "{stood:?}");
+    assert!(
+        stood.iter().flatten().filter(|&&times| times > 0).count() > 20,
+        "{stood:?}"
+    );
 }
 
 #[test]

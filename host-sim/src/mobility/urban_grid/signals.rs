@@ -93,12 +93,14 @@ impl Signals {
         let mut order = std::mem::take(&mut self.order);
         order.clear();
         order.extend((0..vehicles.len()).filter(|&index| vehicles[index].free_speed_m_per_s > 0.0));
-        order.sort_by(|&a, &b| {
-            let (a, b) = (&vehicles[a], &vehicles[b]);
+        order.sort_unstable_by(|&one, &other| {
+            let (a, b) = (&vehicles[one], &vehicles[other]);
             let lanes = (a.heading as u8)
                 .cmp(&(b.heading as u8))
                 .then(a.across_m.total_cmp(&b.across_m));
-            lanes.then((b.along_m * b.heading.sign()).total_cmp(&(a.along_m * a.heading.sign())))
+            lanes
+                .then((b.along_m * b.heading.sign()).total_cmp(&(a.along_m * a.heading.sign())))
+                .then(one.cmp(&other))
         });
         // The last on its lane of those who have moved, unless it left the lane.
         let mut last: Option<(Heading, f64, f64)> = None;

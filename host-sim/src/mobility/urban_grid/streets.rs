@@ -162,12 +162,14 @@ impl<'s> Streets<'s> {
     fn choose(&self, vehicle: &Vehicle, crossing: &Crossing, stream: &mut Stream) -> Option<Turn> {
         let scenario = self.scenario;
         let middle_m = f64::from(crossing.index) * self.blocks(vehicle.heading).0;
-        let into = |heading: Heading| -> Vec<f64> {
-            let leads_on = self.next_crossing(heading, vehicle.across_m).is_some();
-            let lanes = self.lanes[heading as usize].iter().copied();
-            lanes
-                .filter(|lane_m| leads_on && (lane_m - middle_m).abs() < self.half_width_m())
-                .collect()
+        let into = |heading: Heading| -> &[f64] {
+            let lanes = &self.lanes[heading as usize];
+            let before = |end_m: f64| lanes.partition_point(|&lane_m| lane_m < end_m);
+            if self.next_crossing(heading, vehicle.across_m).is_some() {
+                &lanes[before(middle_m - self.half_width_m())..before(middle_m + self.half_width_m())]
+            } else {
+                &[]
+            }
         };
         let (left, right) = (scenario.left_turn_share, scenario.right_turn_share);
         let turns =
