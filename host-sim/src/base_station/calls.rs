@@ -42,6 +42,21 @@ struct Candidate {
     lot: i32,
 }
 
+/// A slot of one world that the base station calls for.
+#[derive(Clone, Copy, Debug)]
+pub struct Slot {
+    /// Which world.
+    pub world: usize,
+    /// Modulo the calls' delay and one.
+    pub index: usize,
+    /// When it is.
+    pub at: SlotIndex,
+    /// How many slots from now.
+    pub ahead: u32,
+    /// The sub-channels whose places are nobody's in it.
+    pub open: Open,
+}
+
 /// Finds thresholds. Keeps its lists from slot to slot.
 #[derive(Clone, Debug, Default)]
 pub struct Caller {
@@ -77,30 +92,31 @@ impl Caller {
         }
     }
 
-    /// The threshold for a slot that is so far ahead, in which these sub-channels are open: the vehicles with the largest priorities, so
-    /// many that the expected sum of priorities received is largest, if each sends on the best of the open sub-channels whose
-    /// gain suffices.
-    #[allow(clippy::too_many_arguments, reason = "a slot of one world")]
+    /// The threshold for a slot: the vehicles with the largest priorities, so many that the expected sum of priorities received is
+    /// largest, if each sends on the best of the open sub-channels whose gain suffices.
     pub fn call(
         &mut self,
         station: &BaseStation,
-        world: usize,
-        index: usize,
-        slot: SlotIndex,
-        ahead: u32,
-        open: Open,
+        slot: Slot,
         present: &[usize],
         ages: &Rows<u16>,
     ) -> (u32, u8) {
+        let Slot {
+            world,
+            index,
+            at,
+            ahead,
+            open,
+        } = slot;
         self.call_nobody(world, index);
-        let Some(stand) = Stand::new(station, world, slot, ahead) else {
+        let Some(stand) = Stand::new(station, world, at, ahead) else {
             return (u32::MAX, 0);
         };
         let (open_sub_channels, hold) = (open.0.count_ones(), station.announcements.gains_hold);
         let count = f64::from(open_sub_channels);
         self.candidates.clear();
         for &vehicle in present {
-            let lot = lot(station, world, vehicle, slot);
+            let lot = lot(station, world, vehicle, at);
             let Some(priority) = stand.priority(station, vehicle, lot, ages) else {
                 continue;
             };

@@ -8,7 +8,7 @@ use crate::lanes::{LANES, Rows};
 use crate::scenario::Scenario;
 use crate::stream::{Role, Stream, WorldKey};
 use book::Book;
-use calls::Caller;
+use calls::{Caller, Slot};
 use firmware::lots::Identity;
 use firmware::measurement::Broadcast;
 use firmware::observation::place_lost;
@@ -388,7 +388,14 @@ impl BaseStation {
             caller.call_nobody(world, index);
             (u32::MAX, 0)
         } else {
-            caller.call(self, world, index, then, ahead, open, present, ages)
+            let slot = Slot {
+                world,
+                index,
+                at: then,
+                ahead,
+                open,
+            };
+            caller.call(self, slot, present, ages)
         };
         self.caller = caller;
         let decided = &mut self.announcements.decided[index];
