@@ -10,12 +10,14 @@ use serde_json::{Value, json};
 
 /// What was simulated, without the number of vehicles.
 fn description(experiment: &Experiment) -> String {
+    let extent = &experiment.extent;
+    let sub_channels = match experiment.scenario.radio.sub_channels {
+        1 => "1 sub-channel".to_owned(),
+        several => format!("{several} sub-channels"),
+    };
     format!(
-        "{} sub-channels, {} worlds, {} or more slots, seed {}",
-        experiment.scenario.radio.sub_channels,
-        experiment.extent.worlds,
-        experiment.extent.slots,
-        experiment.extent.seed
+        "{sub_channels}, {} worlds, {} or more slots, seed {}",
+        extent.worlds, extent.slots, extent.seed
     )
 }
 
