@@ -326,7 +326,7 @@ pub(crate) fn machine(elf: &Path) -> Command {
 
 /// Asks the system to end the process when the thread that starts it ends, even if that is killed.
 #[cfg(target_os = "linux")]
-fn end_with_parent(command: &mut Command) {
+pub(crate) fn end_with_parent(command: &mut Command) {
     use std::os::unix::process::CommandExt;
     // SAFETY: between fork and exec only async-signal-safe calls are allowed; prctl is a bare system call, and the closure
     // allocates nothing.
@@ -341,4 +341,4 @@ fn end_with_parent(command: &mut Command) {
 
 /// Elsewhere a killed parent leaves its children to whoever killed it.
 #[cfg(not(target_os = "linux"))]
-fn end_with_parent(_: &mut Command) {}
+pub(crate) fn end_with_parent(_: &mut Command) {}

@@ -10,6 +10,8 @@ pub mod knowledge;
 pub mod queues;
 pub mod radio_seconds;
 pub mod roads;
+#[cfg(feature = "program")]
+pub mod sumo;
 pub mod town;
 pub mod trips;
 

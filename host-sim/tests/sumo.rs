@@ -1,0 +1,406 @@
+//! SUMO as the traffic. What needs SUMO is marked as ignored, and `./test sumo` installs SUMO and runs it.
+
+use host_sim::journeys::incidents::Incidents;
+use host_sim::journeys::roads::{Road, RoadMap};
+use host_sim::journeys::sumo::traci::Client;
+use host_sim::journeys::sumo::{Programs, SumoTraffic};
+use host_sim::journeys::{Arrival, TrafficModel};
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::Path;
+
+const FREE_SPEED_M_PER_S: f64 = 13.9;
+
+fn road(from: u32, to: u32, length_m: f64, lanes: u32, block: u32) -> Road {
+    Road {
+        from,
+        to,
+        length_m,
+        free_speed_m_per_s: FREE_SPEED_M_PER_S,
+        lanes,
+        capacity_veh_per_h: 1800.0 * f64::from(lanes),
+        block,
+    }
+}
+
+/// Roads one after the other on a line, by lanes.
+fn line(roads: &[(f64, u32)]) -> RoadMap {
+    let (mut x_m, mut places_m) = (0.0, vec![(0.0, 0.0)]);
+    let mut list = Vec::new();
+    for (index, &(length_m, lanes)) in (0_u32..).zip(roads) {
+        x_m += length_m;
+        places_m.push((x_m, 0.0));
+        list.push(road(index, index + 1, length_m, lanes, index));
+    }
+    RoadMap::new(list, places_m).expect("a line of roads")
+}
+
+fn start(map: &RoadMap, incidents: Incidents) -> SumoTraffic {
+    let programs = Programs::find().expect("./test sumo installs it");
+    SumoTraffic::start(&programs, map, incidents, 1).expect("SUMO runs")
+}
+
+fn free(map: &RoadMap) -> SumoTraffic {
+    start(map, Incidents::none(map.block_count()))
+}
+
+fn until(traffic: &mut SumoTraffic, time_s: f64) -> Vec<Arrival> {
+    let mut arrived = Vec::new();
+    traffic.advance(time_s, &mut arrived).expect("SUMO goes on");
+    arrived
+}
+
+/// How many vehicles an hour arrive from 600 to 1,800 s, with more than enough of them at the beginning.
+fn flow_veh_per_h(map: &RoadMap, incidents: Incidents, route: &[u32], lanes: u32) -> f64 {
+    let mut traffic = start(map, incidents);
+    let (mut vehicle, mut arrived) = (0, Vec::new());
+    for second in 0..1_800 {
+        for _ in 0..lanes {
+            traffic.depart(vehicle, route).expect("a route");
+            vehicle += 1;
+        }
+        traffic
+            .advance(f64::from(second + 1), &mut arrived)
+            .expect("SUMO goes on");
+    }
+    let counted = arrived.iter().filter(|arrival| arrival.time_s > 600.0).count();
+    counted as f64 * 3.0
+}
+
+fn close_to(found: f64, expected: f64, share: f64) {
+    assert!(
+        (found / expected - 1.0).abs() <= share,
+        "found {found}, expected {expected} within {share}"
+    );
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_vehicle_alone_drives_at_free_speed() {
+    let map = line(&[(1390.0, 1), (695.0, 2)]);
+    let mut traffic = free(&map);
+    let _nobody = until(&mut traffic, 10.0);
+    traffic.depart(7, &[0, 1]).expect("a route");
+    let _nobody = until(&mut traffic, 60.0);
+    let mut vehicles = Vec::new();
+    traffic.on_roads(&mut vehicles).expect("places");
+    assert_eq!((vehicles.len(), vehicles[0].vehicle, vehicles[0].road), (1, 7, 0));
+    // It enters at 11 s with its 5 m on the road.
+    close_to(vehicles[0].along_m, 49.0 * FREE_SPEED_M_PER_S + 5.0, 0.01);
+    let arrived = until(&mut traffic, 200.0);
+    assert_eq!(arrived.len(), 1);
+    let trip_s = arrived[0].time_s - 10.0;
+    assert!((150.0..=152.0).contains(&trip_s), "{trip_s}");
+    traffic.on_roads(&mut vehicles).expect("places");
+    assert_eq!(vehicles, []);
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_bottleneck_passes_its_capacity() {
+    for (before, bottleneck) in [(1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (1, 2)] {
+        let map = line(&[(1000.0, before), (500.0, bottleneck)]);
+        let flow = flow_veh_per_h(&map, Incidents::none(2), &[0, 1], before);
+        let expected = 1800.0 * f64::from(bottleneck.min(before));
+        println!("{before} lanes, then {bottleneck}: {flow} vehicles/h of {expected}");
+        close_to(flow, expected, 0.03);
+    }
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn an_incident_leaves_its_share_of_the_capacity() {
+    for capacity_left in [0.2, 0.5] {
+        let map = line(&[(1000.0, 2), (500.0, 2)]);
+        let spans = vec![Vec::new(), vec![(0.0, 1e9)]];
+        let flow = flow_veh_per_h(&map, Incidents::scripted(spans, capacity_left), &[0, 1], 2);
+        println!("{capacity_left}: {flow} vehicles/h");
+        close_to(flow, capacity_left * 3600.0, 0.1);
+    }
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn an_incident_begins_and_ends() {
+    let map = line(&[(1390.0, 1)]);
+    let trip_s = |spans: Vec<(f64, f64)>| {
+        let mut traffic = start(&map, Incidents::scripted(vec![spans], 0.25));
+        traffic.depart(0, &[0]).expect("a route");
+        until(&mut traffic, 1000.0)[0].time_s
+    };
+    let (before, within, after) = (
+        trip_s(vec![(500.0, 900.0)]),
+        trip_s(vec![(20.0, 70.0)]),
+        trip_s(vec![(0.0, 1.0)]),
+    );
+    let slow_m = 50.0 * (FREE_SPEED_M_PER_S - map.roads()[0].crawl_speed_m_per_s(0.25));
+    assert!(before < 103.0 && after < 105.0, "{before} {after}");
+    close_to(within - before, slow_m / FREE_SPEED_M_PER_S, 0.1);
+}
+
+/// Two ways from 0 to 3: by 1 and by 2.
+fn diamond() -> RoadMap {
+    let places_m = vec![
+        (0.0, 0.0),
+        (500.0, 500.0),
+        (500.0, -500.0),
+        (1000.0, 0.0),
+        (-700.0, 0.0),
+    ];
+    let roads = vec![
+        road(4, 0, 700.0, 2, 0),
+        road(0, 1, 700.0, 1, 1),
+        road(1, 3, 700.0, 1, 2),
+        road(0, 2, 700.0, 2, 3),
+        road(2, 3, 700.0, 1, 4),
+        road(0, 4, 700.0, 2, 0),
+    ];
+    RoadMap::new(roads, places_m).expect("a diamond")
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_vehicle_takes_the_route_that_it_is_told() {
+    let mut traffic = free(&diamond());
+    for vehicle in 0..4 {
+        traffic.depart(vehicle, &[0, 1, 2]).expect("a route");
+    }
+    let _nobody = until(&mut traffic, 30.0);
+    // The other way, back, and no further.
+    traffic.take_route(1, &[3, 4]).expect("a route");
+    traffic.take_route(2, &[5]).expect("a route");
+    traffic.take_route(3, &[]).expect("a route");
+    let arrived = until(&mut traffic, 75.0);
+    assert_eq!(
+        arrived.iter().map(|arrival| arrival.vehicle).collect::<Vec<_>>(),
+        [3]
+    );
+    let mut vehicles = Vec::new();
+    traffic.on_roads(&mut vehicles).expect("places");
+    let on = |vehicle: u32| vehicles.iter().find(|on| on.vehicle == vehicle).map(|on| on.road);
+    assert_eq!([on(0), on(1), on(2)], [Some(1), Some(3), Some(5)]);
+    let error = traffic.take_route(0, &[4]).expect_err("no such way").to_string();
+    assert_eq!(
+        error,
+        "route of vehicle 0: found road 4, expected a road that begins where the one before ends"
+    );
+    let error = traffic.take_route(3, &[]).expect_err("it is gone").to_string();
+    assert_eq!(
+        error,
+        "route of vehicle 3: found no road under it, expected a vehicle on a road"
+    );
+    let error = traffic.depart(9, &[17]).expect_err("no such road").to_string();
+    assert_eq!(
+        error,
+        "route of vehicle 9: found road 17, expected below 6, the number of roads"
+    );
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_seed_gives_the_same_traffic() {
+    let run = || {
+        let mut traffic = free(&diamond());
+        let (mut arrived, mut log) = (Vec::new(), Vec::new());
+        for second in 0..600_u32 {
+            let route: &[u32] = if second % 3 == 0 { &[0, 3, 4] } else { &[0, 1, 2] };
+            traffic.depart(second, route).expect("a route");
+            traffic
+                .advance(f64::from(second + 1), &mut arrived)
+                .expect("SUMO goes on");
+            let mut vehicles = Vec::new();
+            traffic.on_roads(&mut vehicles).expect("places");
+            log.push(vehicles);
+        }
+        (arrived, log)
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_killed_sumo_is_one_line() {
+    let mut traffic = free(&diamond());
+    traffic.depart(0, &[0, 1, 2]).expect("a route");
+    let _nobody = until(&mut traffic, 10.0);
+    let process = traffic.process_id().expect("a child").to_string();
+    let killed = std::process::Command::new("kill").args(["-9", &process]).status();
+    assert!(killed.expect("kill").success());
+    let error = traffic
+        .advance(20.0, &mut Vec::new())
+        .expect_err("it is gone")
+        .to_string();
+    assert!(
+        error.starts_with("sumo: found the program ended with signal: 9 (SIGKILL)")
+            && error.ends_with("expected a program that runs until it is told to end")
+            && error.lines().count() == 1,
+        "{error}"
+    );
+    // What was known stays known.
+    let mut vehicles = Vec::new();
+    traffic.on_roads(&mut vehicles).expect("places");
+    assert_eq!(vehicles.len(), 1);
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn it_ends_with_its_owner() {
+    let mut traffic = free(&diamond());
+    let process = traffic.process_id().expect("a child");
+    drop(traffic);
+    assert!(!Path::new(&format!("/proc/{process}")).exists());
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_port_that_is_taken_is_another_one() {
+    let programs = Programs::find().expect("./test sumo installs it");
+    let folder = tempfile::tempdir().expect("a folder");
+    let network = folder.path().join("roads.net.xml");
+    std::fs::write(folder.path().join("n.nod.xml"), NODES).expect("written");
+    std::fs::write(folder.path().join("e.edg.xml"), EDGES).expect("written");
+    let file = |option: &str, name: &str| [option.into(), folder.path().join(name).into()];
+    let parts = [
+        file("--node-files", "n.nod.xml"),
+        file("--edge-files", "e.edg.xml"),
+        file("--output-file", "roads.net.xml"),
+    ];
+    programs.convert(&parts.concat()).expect("a network");
+    let arguments = ["--net-file".into(), network.into()];
+    // Somebody who says nothing, and somebody who talks.
+    for word in ["", "hello\n"] {
+        let taken = TcpListener::bind((Ipv4Addr::UNSPECIFIED, 0)).expect("a port");
+        let port = taken.local_addr().expect("an address").port();
+        let talks = std::thread::spawn(move || {
+            let (mut stream, _) = taken.accept().expect("a caller");
+            let _ = stream.write_all(word.as_bytes());
+            let _ = stream.read_to_end(&mut Vec::new());
+        });
+        let (_client, version) = programs.start(&arguments, Some(port)).expect("another port");
+        assert!(version.program.starts_with("SUMO"));
+        println!("{version:?}");
+        talks.join().expect("a stranger");
+    }
+}
+
+const NODES: &str = r#"<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>"#;
+const EDGES: &str = r#"<edges><edge id="e" from="a" to="b"/></edges>"#;
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_network_that_sumo_refuses_is_one_line() {
+    let programs = Programs::find().expect("./test sumo installs it");
+    let map = RoadMap::new(vec![road(0, 0, 10.0, 1, 0)], vec![(0.0, 0.0)]).expect("a circle");
+    let error = SumoTraffic::start(&programs, &map, Incidents::none(1), 1).expect_err("refused");
+    let error = error.to_string();
+    assert!(
+        error.starts_with("netconvert: found ") && error.lines().count() == 1,
+        "{error}"
+    );
+}
+
+/// A client of a server that answers every message with these bytes, then closes.
+fn told(answers: Vec<Vec<u8>>) -> Client {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+    let address = listener.local_addr().expect("an address");
+    let _serves = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().expect("a client");
+        for answer in answers {
+            let mut length = [0; 4];
+            stream.read_exact(&mut length).expect("a message");
+            let mut message = vec![0; u32::from_be_bytes(length) as usize - 4];
+            stream.read_exact(&mut message).expect("a message");
+            let _ = stream.write_all(&answer);
+        }
+    });
+    let stream = TcpStream::connect(address).expect("a server");
+    Client::new(stream, None).expect("a client")
+}
+
+/// As SUMO says its version.
+fn version(api: i32, program: &str) -> Vec<u8> {
+    let text = program.as_bytes();
+    let mut body = vec![7, 0, 0, 0, 0, 0, 0, 10 + text.len() as u8, 0];
+    body.extend(api.to_be_bytes());
+    body.extend((text.len() as u32).to_be_bytes());
+    body.extend(text);
+    let mut message = (body.len() as u32 + 4).to_be_bytes().to_vec();
+    message.extend(body);
+    message
+}
+
+#[test]
+fn who_is_no_suitable_sumo_is_refused() {
+    let known = told(vec![version(22, "SUMO 1.28.0")]).version().expect("SUMO");
+    assert_eq!((known.api, known.program.as_str()), (22, "SUMO 1.28.0"));
+    for (api, program, found) in [
+        (18, "SUMO 1.0.0", "SUMO 1.0.0, TraCI 18"),
+        (22, "Other 7", "Other 7, TraCI 22"),
+        (-1, "SUMO\nx", "SUMO\\nx, TraCI -1"),
+    ] {
+        let error = told(vec![version(api, program)]).version().expect_err("refused");
+        assert_eq!(
+            error.to_string(),
+            format!("sumo: found {found}, expected SUMO, TraCI 20 or later")
+        );
+    }
+}
+
+#[test]
+fn hostile_answers_are_one_line() {
+    let long = |length: u32| length.to_be_bytes().to_vec();
+    for (answer, found) in [
+        (Vec::new(), "the connection is closed"),
+        (long(0), "an answer of 0 bytes"),
+        (long(u32::MAX), "an answer of 4294967295 bytes"),
+        (long(1 << 27), "the connection is closed"),
+        ([long(5), vec![9]].concat(), "0 bytes"),
+        ([long(6), vec![0, 0]].concat(), "1 bytes"),
+        (version(22, "SUMO")[..20].to_vec(), "the connection is closed"),
+        (
+            b"HTTP/1.1 400 Bad Request\r\n\r\n".to_vec(),
+            "an answer of 1213486160 bytes",
+        ),
+    ] {
+        let error = told(vec![answer]).version().expect_err("refused").to_string();
+        let start = format!("sumo: found {found}");
+        let answered = format!("sumo: answer: found {found}");
+        assert!(
+            (error.starts_with(&start) || error.starts_with(&answered)) && error.lines().count() == 1,
+            "{error}"
+        );
+    }
+}
+
+/// A folder with programs that print a line and end.
+#[cfg(unix)]
+fn programs(line: &str) -> (tempfile::TempDir, Programs) {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sumo");
+    std::fs::write(&path, format!("#!/bin/sh\necho '{line}' >&2\nexit 1\n")).expect("written");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("a program");
+    let programs = Programs::in_folder(folder.path().to_owned());
+    (folder, programs)
+}
+
+#[test]
+#[cfg(unix)]
+fn a_sumo_that_does_not_start_is_one_line() {
+    let (_folder, broken) = programs("Error: no file x.sumocfg.");
+    let error = broken.start(&[], None).expect_err("it ends").to_string();
+    assert_eq!(
+        error,
+        "sumo: found the program ended with exit status: 1; it wrote: Error: no file x.sumocfg., expected a program that listens"
+    );
+    let (_folder, crowded) = programs("Error: bind: Address already in use");
+    let error = crowded.start(&[], None).expect_err("no port").to_string();
+    assert_eq!(
+        error,
+        "sumo: found 8 ports taken one after the other, expected a free port on 127.0.0.1"
+    );
+    let (folder, _) = programs("");
+    let nowhere = Programs::in_folder(folder.path().join("nowhere"));
+    let error = nowhere.start(&[], None).expect_err("no program").to_string();
+    assert!(error.ends_with("expected SUMO's program `sumo`"), "{error}");
+}
