@@ -77,9 +77,9 @@ impl ExperimentSource {
     /// # Errors
     /// The first that does not fit.
     pub fn read_with(&self, source: Box<dyn MobilitySource>) -> Result<Experiment> {
-        let (worlds, slots) = match source.duration_slots() {
-            None => (256, 2000),
-            Some(slots) => (8, slots.saturating_sub(self.warmup)),
+        let slots = match source.duration_slots() {
+            None => 2000,
+            Some(slots) => slots.saturating_sub(self.warmup),
         };
         let mut scenario = self.scenario.clone();
         if let Some(vehicles) = self.vehicles {
@@ -89,7 +89,8 @@ impl ExperimentSource {
             }
             scenario.set("cell.vehicles", vehicles);
         }
-        let (worlds, slots) = (self.worlds.unwrap_or(worlds), self.slots.unwrap_or(slots));
+        let worlds = self.worlds.unwrap_or_else(|| source.default_worlds());
+        let slots = self.slots.unwrap_or(slots);
         if slots == 0 && self.slots.is_none() {
             let expected = "less than the length of the trace in slots";
             return Err(Error::input("warmup", self.warmup, expected));

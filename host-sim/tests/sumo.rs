@@ -5,6 +5,12 @@ use host_sim::journeys::roads::{Road, RoadMap};
 use host_sim::journeys::sumo::traci::Client;
 use host_sim::journeys::sumo::{Programs, SumoTraffic};
 use host_sim::journeys::{Arrival, TrafficModel};
+use host_sim::mobility::live::LiveSumo;
+use host_sim::mobility::{MobilitySource as _, Place};
+use host_sim::policy::clock;
+use host_sim::scenario::ScenarioSource;
+use host_sim::stream::{Purpose, Role, Stream, WorldKey};
+use host_sim::{Experiment, ExperimentSource, Result};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::Path;
@@ -403,4 +409,235 @@ fn a_sumo_that_does_not_start_is_one_line() {
     let nowhere = Programs::in_folder(folder.path().join("nowhere"));
     let error = nowhere.start(&[], None).expect_err("no program").to_string();
     assert!(error.ends_with("expected SUMO's program `sumo`"), "{error}");
+}
+
+/// A crossing of the user's own, with traffic lights and vehicles by chance.
+fn configuration(folder: &Path) -> String {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("written");
+    let mut nodes = String::from(r#"<nodes><node id="m" x="500" y="500" type="traffic_light"/>"#);
+    let mut edges = String::from("<edges>");
+    for (name, x, y) in [("n", 500, 900), ("e", 900, 500), ("s", 500, 100), ("w", 100, 500)] {
+        nodes += &format!(r#"<node id="{name}" x="{x}" y="{y}"/>"#);
+        edges +=
+            &format!(r#"<edge id="{name}m" from="{name}" to="m"/><edge id="m{name}" from="m" to="{name}"/>"#);
+    }
+    write("x.nod.xml", &(nodes + "</nodes>"));
+    write("x.edg.xml", &(edges + "</edges>"));
+    let file = |option: &str, name: &str| [option.into(), folder.join(name).into()];
+    let parts = [
+        file("--node-files", "x.nod.xml"),
+        file("--edge-files", "x.edg.xml"),
+        file("--output-file", "x.net.xml"),
+    ];
+    let programs = Programs::find().expect("./test sumo installs it");
+    let arguments = [&parts.concat()[..], &["--offset.disable-normalization".into()]].concat();
+    programs.convert(&arguments).expect("a network");
+    let flow = |from: &str, to: &str| {
+        format!(r#"<flow id="{from}{to}" from="{from}m" to="m{to}" begin="0" end="900" probability="0.1"/>"#)
+    };
+    let flows = [flow("n", "s"), flow("e", "w"), flow("s", "e"), flow("w", "n")].concat();
+    write("x.rou.xml", &format!("<routes>{flows}</routes>"));
+    write(
+        "x.sumocfg",
+        r#"<configuration><net-file value="x.net.xml"/><route-files value="x.rou.xml"/><step-length value="0.5"/></configuration>"#,
+    );
+    folder.join("x.sumocfg").display().to_string()
+}
+
+fn live(name: &str, vehicles: u32) -> Result<Experiment> {
+    let mut scenario = ScenarioSource::default();
+    scenario.set("cell.base_station_x_m", 500.0);
+    scenario.set("cell.base_station_y_m", 500.0);
+    let source = ExperimentSource {
+        scenario,
+        mobility: format!("sumo:{name}"),
+        policies: vec![&clock::KIND],
+        vehicles: Some(vehicles),
+        worlds: Some(3),
+        slots: Some(4000),
+        ..ExperimentSource::default()
+    };
+    source.read()
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn vehicles_of_a_configuration_drive_live() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let configuration = configuration(folder.path());
+    let run = |threads| {
+        let experiment = live(&format!("{configuration}@120"), 60).expect("a configuration");
+        let pool = host_sim::thread_pool(Some(threads)).expect("threads");
+        let results = pool.install(|| experiment.results(|_| ())).expect("SUMO drives");
+        (results[0].ages.mean_ms, results[0].ages.by_world_ms.clone())
+    };
+    let (mean_ms, worlds) = run(1);
+    println!("{mean_ms} ms, by world {worlds:?}");
+    assert!(mean_ms < 30.0 && worlds[0] != worlds[1], "{mean_ms} {worlds:?}");
+    assert_eq!(run(2), (mean_ms, worlds));
+    let crowded = live(&format!("{configuration}@120"), 3).expect("a configuration");
+    let error = crowded.results(|_| ()).err().expect("too many").to_string();
+    assert_eq!(
+        error,
+        "vehicles at once: found more vehicles, expected at most 3 in two steps of SUMO together: set cell.vehicles (--vehicles)"
+    );
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn vehicles_move_between_two_steps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let name = format!("{}@120", configuration(folder.path()));
+    let source = LiveSumo::read(&name).expect("a configuration");
+    let scenario = live(&name, 60).expect("a configuration").scenario;
+    let key = WorldKey {
+        seed: 1,
+        purpose: Purpose::Evaluation,
+        world: 0,
+    };
+    let mut mobility = source.open(&scenario, &key);
+    let (mut places, mut before) = (Vec::new(), Vec::new());
+    let mut moved = 0;
+    for slot in (0..20_000).step_by(100) {
+        mobility.advance(slot, &mut places).expect("SUMO drives");
+        assert!(places.is_sorted_by_key(|&(vehicle, _)| vehicle));
+        for &(vehicle, place) in &places {
+            let known = before.iter().find(|&&(known, _)| known == vehicle);
+            let Some(&(_, was)): Option<&(usize, Place)> = known else {
+                continue;
+            };
+            let moved_m = (place.x_m - was.x_m).hypot(place.y_m - was.y_m);
+            assert!((moved_m - place.moved_m).abs() < 1e-9, "{was:?} {place:?}");
+            // A car over a crossing is drawn straight between two steps; 0.1 s of at most 15 m/s otherwise.
+            assert!(moved_m < 3.0, "{was:?} {place:?}");
+            moved += usize::from(moved_m > 1.0);
+        }
+        before.clone_from(&places);
+    }
+    assert!(moved > 1_000, "{moved}");
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_configuration_that_does_not_fit_is_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let name = configuration(folder.path());
+    let error = |name: &str| live(name, 60).map(drop).expect_err("refused").to_string();
+    let missing = folder.path().join("nothing.sumocfg").display().to_string();
+    assert_eq!(
+        error(&missing),
+        format!("{missing}: No such file or directory (os error 2)")
+    );
+    let hour = error(&format!("{name}@hour"));
+    assert!(
+        hour.ends_with("found hour, expected whole seconds after the @"),
+        "{hour}"
+    );
+    std::fs::remove_file(folder.path().join("x.net.xml")).expect("removed");
+    let broken = error(&name);
+    assert!(
+        broken.starts_with("sumo: found the program ended with exit status: 1; it wrote: Error:")
+            && broken.lines().count() == 1,
+        "{broken}"
+    );
+}
+
+/// A 4 x 4 grid of blocks with trips between any two crossings: free flow, for as much as its lanes carry.
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn a_grid_holds_nobody_up() {
+    const SIDE: u32 = 5;
+    let (mut roads, mut places_m, mut block) = (Vec::new(), Vec::new(), 0);
+    for node in 0..SIDE * SIDE {
+        let (column, row) = (node % SIDE, node / SIDE);
+        places_m.push((f64::from(column) * 250.0, f64::from(row) * 433.0));
+        let mut both = |other: u32, length_m: f64| {
+            roads.push(road(node, other, length_m, 2, block));
+            roads.push(road(other, node, length_m, 2, block));
+            block += 1;
+        };
+        if column + 1 < SIDE {
+            both(node + 1, 250.0);
+        }
+        if row + 1 < SIDE {
+            both(node + SIDE, 433.0);
+        }
+    }
+    let map = RoadMap::new(roads, places_m).expect("a grid");
+    for (trips_per_h, most_extra_s) in [(14_400.0, 4.0), (43_200.0, 12.0)] {
+        let mut traffic = free(&map);
+        let key = WorldKey {
+            seed: 1,
+            purpose: Purpose::Evaluation,
+            world: 0,
+        };
+        let mut stream = key.stream(Role::Mobility, 0);
+        let (mut starts_s, mut frees_s) = (Vec::new(), Vec::new());
+        let (mut arrived, mut vehicles) = (Vec::new(), Vec::new());
+        let (mut second, mut most, mut updates) = (0_u32, 0, 0);
+        let begin = std::time::Instant::now();
+        while arrived.len() < starts_s.len() || second < 1_200 {
+            while second < 1_200 && (starts_s.len() as f64) < f64::from(second) * trips_per_h / 3_600.0 {
+                let (from, to) = (stream.below(SIDE * SIDE), stream.below(SIDE * SIDE));
+                let mut route = shortest(&map, SIDE, from, to, &mut stream);
+                if route.is_empty() {
+                    route.push(map.outgoing(from)[0]);
+                }
+                let free_s: f64 = route
+                    .iter()
+                    .map(|&road| map.roads()[road as usize].free_time_s())
+                    .sum();
+                traffic.depart(starts_s.len() as u32, &route).expect("a route");
+                starts_s.push(f64::from(second));
+                frees_s.push(free_s);
+            }
+            second += 1;
+            assert!(second < 10_000, "the grid is stuck");
+            traffic
+                .advance(f64::from(second), &mut arrived)
+                .expect("SUMO goes on");
+            traffic.on_roads(&mut vehicles).expect("places");
+            most = most.max(vehicles.len());
+            updates += vehicles.len();
+        }
+        let taken_s = begin.elapsed().as_secs_f64();
+        let trips = arrived.len() as f64;
+        let mean_s = arrived
+            .iter()
+            .map(|trip| trip.time_s - starts_s[trip.vehicle as usize])
+            .sum::<f64>()
+            / trips;
+        let free_s = frees_s.iter().sum::<f64>() / trips;
+        println!(
+            "{trips} trips of {mean_s:.1} s, {free_s:.1} s alone; at most {most} at once; {} let through; {:.0} steps/s, {:.0} \
+             vehicle updates/s",
+            traffic.let_through(),
+            f64::from(second) / taken_s,
+            updates as f64 / taken_s
+        );
+        assert_eq!(traffic.let_through(), 0);
+        assert!(
+            mean_s > free_s && mean_s < free_s + most_extra_s,
+            "{mean_s} {free_s}"
+        );
+    }
+}
+
+/// A way over the fewest crossings: first along one street, then along the other, or the other way round.
+fn shortest(map: &RoadMap, side: u32, from: u32, to: u32, stream: &mut Stream) -> Vec<u32> {
+    let (mut at, mut route) = (from, Vec::new());
+    let columns_first = stream.chance(0.5);
+    while at != to {
+        let columns = at % side != to % side && (columns_first || at / side == to / side);
+        let next = match (columns, at % side < to % side, at / side < to / side) {
+            (true, true, _) => at + 1,
+            (true, false, _) => at - 1,
+            (false, _, true) => at + side,
+            (false, _, false) => at - side,
+        };
+        let leads = |road: &&u32| map.roads()[**road as usize].to == next;
+        route.extend(map.outgoing(at).iter().find(leads));
+        at = next;
+    }
+    route
 }

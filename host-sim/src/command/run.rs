@@ -44,7 +44,7 @@ pub struct RunOptions {
     /// Vehicles in the cell [default: the scenario's]
     #[arg(long)]
     pub vehicles: Option<u32>,
-    /// Independent worlds [default: 256; 8 with a trace]
+    /// Independent worlds [default: 256; 8 with a trace or SUMO]
     #[arg(long, value_parser = within(WORLDS))]
     pub worlds: Option<u32>,
     /// Slots of 1 ms that count [default: 2000; to the end of a trace]
@@ -53,9 +53,10 @@ pub struct RunOptions {
     /// Slots before them
     #[arg(long, default_value_t = 500, value_parser = within(WARMUP))]
     pub warmup: u32,
-    /// What moves the vehicles: the urban grid, or a file of SUMO floating-car data (.xml, .xml.gz), in whose coordinates
-    /// the base station stands at cell.base_station_x_m and _y_m
-    #[arg(long, value_name = "grid|FILE", default_value = "grid")]
+    /// What moves the vehicles: the urban grid; a file of SUMO floating-car data (.xml, .xml.gz); or sumo: and a SUMO
+    /// configuration, which every world runs live with a seed of its own, with at most --vehicles at once; sumo:FILE@600 begins
+    /// 600 s after SUMO does. In their coordinates the base station stands at cell.base_station_x_m and _y_m
+    #[arg(long, value_name = "grid|FILE|sumo:FILE", default_value = "grid")]
     pub mobility: String,
     /// Seed of the worlds; any number is held out from training
     #[arg(long, default_value_t = 1)]

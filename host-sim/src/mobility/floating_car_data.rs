@@ -31,7 +31,7 @@ pub struct Position {
 
 impl Position {
     /// The point at `fraction` of the way from `self` to `next`; never outside the two, whatever the rounding.
-    fn towards(self, next: Self, fraction: f64) -> Self {
+    pub(super) fn towards(self, next: Self, fraction: f64) -> Self {
         let between =
             |from: f64, to: f64| ((1.0 - fraction) * from + fraction * to).clamp(from.min(to), from.max(to));
         Self {

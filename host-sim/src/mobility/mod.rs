@@ -1,7 +1,9 @@
-//! Where vehicles are: on the urban grid for ever, in a recorded trace for as long as it
-//! shows them, or wherever an outside program says.
+//! Where vehicles are: on the urban grid for ever, in a recorded trace for as long as it shows them, or wherever an outside
+//! program says: SUMO (`live`), or your own.
 
 pub mod floating_car_data;
+#[cfg(feature = "program")]
+pub mod live;
 mod recorded;
 mod urban_grid;
 
@@ -62,6 +64,14 @@ pub trait MobilitySource: Send + Sync + std::fmt::Debug {
     /// Whether worlds may have different vehicles in the same slot.
     fn worlds_differ(&self) -> bool {
         false
+    }
+
+    /// How many worlds are simulated where nobody asks for a number.
+    fn default_worlds(&self) -> u32 {
+        match self.duration_slots() {
+            None => 256,
+            Some(_) => 8,
+        }
     }
 
     /// How many slots it moves vehicles for; `None` if for ever.
@@ -153,7 +163,7 @@ pub trait Mobility: Send + Sync {
     }
 }
 
-/// The source of this name: `grid`, or a file of SUMO floating-car data.
+/// The source of this name: `grid`, a file of SUMO floating-car data, or `sumo:` with a SUMO configuration.
 ///
 /// # Errors
 /// What is wrong with the file.
@@ -161,6 +171,8 @@ pub trait Mobility: Send + Sync {
 pub fn read_source(name: &str) -> Result<Box<dyn MobilitySource>> {
     if name == "grid" {
         Ok(Box::new(Grid))
+    } else if let Some(name) = name.strip_prefix(live::PREFIX) {
+        Ok(Box::new(live::LiveSumo::read(name)?))
     } else {
         Ok(Box::new(floating_car_data::Trace::read(std::path::Path::new(
             name,

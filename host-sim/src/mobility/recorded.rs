@@ -7,7 +7,7 @@ use crate::stream::WorldKey;
 use kit::error::{Error, Result};
 
 /// Where no vehicle has a chance of being heard (chosen).
-const REACH_M: f64 = 10_000.0;
+pub(super) const REACH_M: f64 = 10_000.0;
 
 impl MobilitySource for Trace {
     fn open<'s>(&'s self, _scenario: &'s Scenario, _key: &WorldKey) -> Box<dyn Mobility + 's> {

@@ -3,6 +3,7 @@
 use super::axis::{self, Axis, Kind, MOST_POINTS, POLICY, SEED, VEHICLES, text};
 use super::store::checksum;
 use crate::experiment::{Experiment, ExperimentSource};
+use crate::mobility::live;
 use crate::policy::{self, KINDS};
 use crate::scenario::Preset;
 use kit::choice::Choice as _;
@@ -181,7 +182,8 @@ impl Grid {
                 "preset" => source.scenario.preset = Preset::of_name(key, &name)?,
                 "scenario" => source.scenario.file = file(),
                 "mobility" => {
-                    source.mobility = file().map_or(name.clone(), |path| path.display().to_string())
+                    let name_of = |path: PathBuf| live::name_of(&name, &path);
+                    source.mobility = file().map_or(name.clone(), name_of);
                 }
                 "table" => source.table = file(),
                 "worlds" => source.worlds = Some(whole()?),
@@ -198,10 +200,10 @@ impl Grid {
 
     /// The file that a value names, if it names one.
     fn file(&self, key: &str, value: &str) -> Option<PathBuf> {
-        let none = match key {
-            "mobility" => value == "grid",
-            "table" => value == BUILT_IN,
-            _ => false,
+        let (none, value) = match key {
+            "mobility" => (value == "grid", live::file_of(value)),
+            "table" => (value == BUILT_IN, value),
+            _ => (false, value),
         };
         let folder = self.path.parent().unwrap_or(Path::new(""));
         (!none).then(|| folder.join(value))

@@ -695,3 +695,89 @@ impl<'b> Reader<'b> {
         Ok(vehicle)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    // What SUMO 1.28.0 answered on a road of 500 m with one vehicle.
+    const BOUNDARY: &str =
+        "07ab000000000029bb7c00000000060200000000000000000000000000000000407f4000000000000000000000000000";
+    const JUNCTIONS: &str = "07a9000000000016b900000000000e0000000200000001300000000131";
+    const NOBODY: &str = "07020000000000000000020000000020eb000000000374000e000000007a000e00000000750009000000000000000011\
+                          990000000130a40400000000";
+    const SOMEBODY: &str = "07020000000000000000020000000025eb000000000374000e0000000100000001377a000e0000000075000900000000\
+                            0000000047990000000130a40400000001000000013750000c000000013056000b401466666666666642000140146666\
+                            66666666bff999999999999a40000b402bcccccccccccd";
+    const REFUSED: &str = "1ccaff000000154564676520277827206973206e6f74206b6e6f776e";
+
+    fn bytes(digits: &str) -> Vec<u8> {
+        (0..digits.len() / 2)
+            .map(|index| u8::from_str_radix(&digits[2 * index..2 * index + 2], 16).expect("hexadecimal"))
+            .collect()
+    }
+
+    #[test]
+    fn recorded_answers_are_understood() {
+        let corners =
+            value_of(&bytes(BOUNDARY), command::GET_SIMULATION, variable::BOUNDARY).expect("corners");
+        assert_eq!(corners, Value::Places(vec![(0.0, 0.0), (500.0, 0.0)]));
+        let names = value_of(&bytes(JUNCTIONS), command::GET_JUNCTION, variable::NAMES).expect("names");
+        assert_eq!(names, Value::Texts(vec!["0".to_owned(), "1".to_owned()]));
+        assert_eq!(step_of(&bytes(NOBODY)).expect("a step"), Step::default());
+        let expected = Step {
+            departed: vec!["7".to_owned()],
+            vehicles: vec![Vehicle {
+                name: "7".to_owned(),
+                road: "0".to_owned(),
+                along_m: 5.1,
+                x_m: 5.1,
+                y_m: -1.6,
+                speed_m_per_s: 13.9,
+            }],
+            ..Step::default()
+        };
+        let step = step_of(&bytes(SOMEBODY)).expect("a step");
+        assert!((step.vehicles[0].along_m - 5.1).abs() < 1e-9);
+        assert_eq!(format!("{step:.3?}"), format!("{expected:.3?}"));
+        let refused = bytes(REFUSED);
+        let error = Reader::new(&refused).status(command::SET_EDGE, "speed on x");
+        assert_eq!(
+            error.expect_err("refused").to_string(),
+            "sumo: speed on x: found Edge 'x' is not known, expected an order that SUMO can follow"
+        );
+    }
+
+    #[test]
+    fn a_short_or_long_answer_is_an_error() {
+        let whole = bytes(SOMEBODY);
+        for length in 0..whole.len() {
+            assert!(step_of(&whole[..length]).is_err(), "{length}");
+        }
+        assert!(step_of(&[&whole[..], &[0]].concat()).is_err());
+    }
+
+    #[test]
+    fn long_commands_have_long_lengths() {
+        assert_eq!(framed(1, &[9; 3]), [5, 1, 9, 9, 9]);
+        let long = framed(1, &[9; 254]);
+        assert_eq!((&long[..6], long.len()), (&[0, 0, 0, 1, 4, 1][..], 260));
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_an_answer_or_an_error(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let _ = step_of(&bytes);
+            let _ = value_of(&bytes, command::GET_JUNCTION, variable::NAMES);
+        }
+
+        #[test]
+        fn any_change_of_an_answer_is_an_answer_or_an_error(place in 0_usize..140, byte in any::<u8>()) {
+            let mut answer = bytes(SOMEBODY);
+            let place = place % answer.len();
+            answer[place] = byte;
+            let _ = step_of(&answer);
+        }
+    }
+}
