@@ -10,6 +10,7 @@ use crate::journeys::hour::{self, Case, Outcome, Sight};
 use crate::journeys::incidents::Incidents;
 use crate::journeys::queues::Queues;
 use crate::journeys::radio_seconds::{self, Moment, RadioSecond, Sampled};
+use crate::journeys::roads::RoadMap;
 use crate::journeys::town::Town;
 use crate::journeys::trips::{self, Trip};
 use crate::journeys::{OnRoad, TrafficModel};
@@ -41,17 +42,26 @@ pub struct LoopOptions<'o> {
     pub delays_s: &'o [f64],
 }
 
-/// Makes the traffic of a world; several may run at once.
-pub type BuildTraffic<'b> =
-    dyn for<'m> Fn(&'m Town, &'m Incidents, u64) -> Result<Box<dyn TrafficModel + 'm>> + Sync + 'b;
+/// What traffic is made from.
+#[derive(Clone, Copy, Debug)]
+pub struct Roads<'r> {
+    /// The roads.
+    pub map: &'r RoadMap,
+    /// What happens on them.
+    pub incidents: &'r Incidents,
+    /// Of whatever else is random in it.
+    pub seed: u64,
+}
+
+/// Makes the traffic of an hour; several may run at once.
+pub type BuildTraffic<'b> = dyn for<'r> Fn(&Roads<'r>) -> Result<Box<dyn TrafficModel + 'r>> + Sync + 'b;
 
 /// The built-in traffic.
-pub fn built_in<'m>(
-    town: &'m Town,
-    incidents: &'m Incidents,
-    _seed: u64,
-) -> Result<Box<dyn TrafficModel + 'm>> {
-    Ok(Box::new(Queues::new(town.map(), incidents)))
+///
+/// # Errors
+/// None.
+pub fn built_in<'r>(roads: &Roads<'r>) -> Result<Box<dyn TrafficModel + 'r>> {
+    Ok(Box::new(Queues::new(roads.map, roads.incidents)))
 }
 
 /// One case over all worlds.
@@ -213,6 +223,7 @@ pub fn closed_loop(
             }
         })
         .collect();
+    let usual_speeds = usual_speeds(town, options, build)?;
     // The played seconds of a policy count as one of its hours.
     let cases = 5 + options.delays_s.len() + 2 * options.policies.len();
     let total = u64::from(options.worlds) * cases as u64;
@@ -228,8 +239,12 @@ pub fn closed_loop(
         fade_s: planning.belief_fade_s,
     };
     let run = |world: &Hours, case: Case, delays: &mut dyn Delays, watch: &mut dyn FnMut(f64, &[OnRoad])| {
-        let mut traffic = build(town, &world.incidents, world.key.world)?;
-        let roads = town.world(world.key, &world.trips, &world.incidents, planning);
+        let mut traffic = build(&Roads {
+            map: town.map(),
+            incidents: &world.incidents,
+            seed: options.seed.wrapping_add(world.key.world),
+        })?;
+        let roads = town.world(world.key, &world.trips, &world.incidents, &usual_speeds, planning);
         let outcome = hour::run(roads, case, traffic.as_mut(), delays, watch);
         advance();
         outcome
@@ -331,4 +346,35 @@ pub fn closed_loop(
         vehicles,
         connected_in_cell,
     })
+}
+
+/// Speeds by road of an hour without incidents and advice, in a world that no result comes from; where nobody drove, the free
+/// ones. In m/s.
+fn usual_speeds(town: &Town, options: &LoopOptions<'_>, build: &BuildTraffic<'_>) -> Result<Vec<f64>> {
+    let planning = &options.scenario.planning;
+    let key = WorldKey {
+        seed: options.seed,
+        purpose: Purpose::Training,
+        world: 0,
+    };
+    let incidents = Incidents::none(town.map().block_count());
+    let trips = trips::draw(town.paths(), planning.horizon_s, &key);
+    let free = town.free_speeds_m_per_s();
+    let world = town.world(key, &trips, &incidents, &free, planning);
+    let blind = Case {
+        sight: Sight::Blind,
+        connected_share: 0.0,
+        obeying_share: 0.0,
+        fade_s: planning.belief_fade_s,
+    };
+    let mut traffic = build(&Roads {
+        map: town.map(),
+        incidents: &incidents,
+        seed: options.seed,
+    })?;
+    let outcome = hour::run(world, blind, traffic.as_mut(), &mut Fixed(0.0), |_, _| ())?;
+    let speeds = outcome.speeds_m_per_s.iter().zip(&free);
+    Ok(speeds
+        .map(|(&speed, &free)| if speed > 0.0 { speed } else { free })
+        .collect())
 }

@@ -38,7 +38,7 @@ fn run(settings: &[&str], policies: &[&'static Kind], delays_s: &[f64], threads:
     };
     let pool = thread_pool(Some(threads)).unwrap();
     pool.install(|| {
-        let town = Town::of_grid(&scenario, 3).unwrap();
+        let town = Town::of_grid(&scenario).unwrap();
         closed_loop(&town, &options, &built_in, |_| ()).unwrap()
     })
 }

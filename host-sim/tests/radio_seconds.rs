@@ -36,7 +36,7 @@ fn delays_are_those_of_a_cell_that_is_played_whole() {
     }
     .read()
     .unwrap();
-    let town = Town::of_grid(&scenario, 5).unwrap();
+    let town = Town::of_grid(&scenario).unwrap();
     let key = WorldKey {
         seed: 5,
         purpose: Purpose::Evaluation,
@@ -44,7 +44,8 @@ fn delays_are_those_of_a_cell_that_is_played_whole() {
     };
     let trips = trips::draw(town.paths(), 2.0 * TO_S, &key);
     let incidents = Incidents::none(town.map().block_count());
-    let world = town.world(key, &trips, &incidents, &scenario.planning);
+    let usual = town.free_speeds_m_per_s();
+    let world = town.world(key, &trips, &incidents, &usual, &scenario.planning);
     let blind = Case {
         sight: Sight::Blind,
         connected_share: 1.0,

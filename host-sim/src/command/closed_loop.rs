@@ -1,8 +1,12 @@
 //! `host-sim loop`: what travellers lose to coverage, detection, radio, protocol and obedience, on the same hours.
 
 use crate::age::AgeSummary;
-use crate::closed_loop::{CaseResult, LoopOptions, LoopSummary, Mean, PolicyResult, built_in, closed_loop};
+use crate::closed_loop::{
+    CaseResult, LoopOptions, LoopSummary, Mean, PolicyResult, Progress, Roads, built_in, closed_loop,
+};
 use crate::command::options::{ScenarioArguments, choice, progress_bar, within};
+use crate::journeys::TrafficModel;
+use crate::journeys::sumo::{Programs, SumoTraffic};
 use crate::journeys::town::{Town, Units};
 use crate::policy::{KINDS, Kind, actor, age_threshold, assigned, central};
 use crate::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
@@ -13,6 +17,7 @@ use crate::threads::thread_pool;
 use crate::weight_table::WeightTable;
 use assignment::CostWeights;
 use assignment::formats;
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::files::{NamedText, check_folder, write_set, written};
 use kit::say;
@@ -36,6 +41,16 @@ const DELAYS_S: [f64; 4] = [1.0, 10.0, 60.0, 300.0];
 /// Longest delay that can be asked for, in s.
 const MOST_DELAY_S: f64 = 86_400.0;
 
+kit::choices! {
+    /// Who moves the vehicles of a loop.
+    pub enum Traffic {
+        /// Queues with storage and spill-back; nothing to install
+        BuiltIn = "built-in",
+        /// SUMO, a process for each hour at a time
+        Sumo = "sumo",
+    }
+}
+
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -55,6 +70,9 @@ pub struct LoopArguments {
     /// Delay of knowledge to look at besides the policies', in seconds (repeatable) [default: 1, 10, 60, 300]
     #[arg(long, value_name = "SECONDS")]
     pub delay: Vec<f64>,
+    /// Who moves the vehicles
+    #[arg(long, value_parser = choice::<Traffic>(), default_value = Traffic::BuiltIn.name())]
+    pub traffic: Traffic,
     /// Drive on this network instead of the grid: TNTP network file, folder with GMNS node.csv and link.csv, or SUMO net.xml
     #[arg(long, value_name = "FILE|DIR", requires = "trips")]
     pub net: Option<PathBuf>,
@@ -131,7 +149,7 @@ impl LoopArguments {
             return Err(Error::input("--delay", delay, expected));
         }
         let town = match &self.net {
-            None => Town::of_grid(&scenario, self.seed)?,
+            None => Town::of_grid(&scenario)?,
             Some(net) => self.town(net, &scenario)?,
         };
         Ok(Prepared {
@@ -157,7 +175,7 @@ impl LoopArguments {
                 None => formats::Format::of(net)?.seconds_per_unit(),
             },
         };
-        Town::of_network(network, &demand, &nodes, units, &scenario.planning, self.seed)
+        Town::of_network(network, &demand, &nodes, units, &scenario.planning)
     }
 }
 
@@ -184,10 +202,22 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     let template = "closed loop {bar:40} {percent} %, {eta} left";
     let bar = progress_bar(1, template, arguments.json);
     let summary = pool.install(|| {
-        closed_loop(&prepared.town, &options, &built_in, |progress| {
+        let progress = |progress: Progress| {
             bar.set_length(progress.total);
             bar.set_position(progress.done);
-        })
+        };
+        match arguments.traffic {
+            Traffic::BuiltIn => closed_loop(&prepared.town, &options, &built_in, progress),
+            Traffic::Sumo => {
+                let programs = Programs::find()?;
+                closed_loop(
+                    &prepared.town,
+                    &options,
+                    &|roads| sumo(&programs, roads),
+                    progress,
+                )
+            }
+        }
     })?;
     bar.finish_and_clear();
     let object = to_json(arguments, &prepared, &summary);
@@ -211,6 +241,12 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     write_set(out, &set)?;
     say!("{cases}\n{}", written(out, "loop.html", &set));
     Ok(())
+}
+
+/// A SUMO of its own for an hour.
+fn sumo<'r>(programs: &Programs, roads: &Roads<'r>) -> Result<Box<dyn TrafficModel + 'r>> {
+    let traffic = SumoTraffic::start(programs, roads.map, roads.incidents.clone(), roads.seed)?;
+    Ok(Box::new(traffic))
 }
 
 /// A row of the table: a case, and what it costs beyond the one that it is compared with.
@@ -348,11 +384,12 @@ fn description(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSum
     let minutes = prepared.scenario.planning.horizon_s / 60.0;
     format!(
         "{roads} roads under {stations}, {:.0} vehicles on them, {:.0} connected in a cell (at most {}), {} worlds x {minutes} min, \
-         built-in traffic, seed {}",
+         {} traffic, seed {}",
         summary.vehicles,
         summary.connected_in_cell.0,
         summary.connected_in_cell.1,
         arguments.worlds,
+        arguments.traffic.name(),
         arguments.seed
     )
 }
@@ -420,7 +457,7 @@ fn to_json(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary
         .collect();
     let no_information = summary.no_information.beyond(&summary.detected);
     json!({
-        "traffic": "built-in",
+        "traffic": arguments.traffic.name(),
         "seed": arguments.seed,
         "worlds": arguments.worlds,
         "roads": prepared.town.map().roads().len(),

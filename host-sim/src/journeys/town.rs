@@ -1,14 +1,12 @@
 //! A town for journeys: its roads for traffic and for ways, the usual ways, and its base stations.
 
-use super::delays::Fixed;
 use super::guidance::Choice;
-use super::hour::{self, Case, Sight, Times, World};
+use super::hour::{Times, World};
 use super::incidents::Incidents;
-use super::queues::Queues;
 use super::roads::{LANE_CAPACITY_VEH_PER_H, Road, RoadMap, SPACING_M};
 use super::trips;
 use crate::scenario::{PlanningScenario, Scenario};
-use crate::stream::{Purpose, WorldKey};
+use crate::stream::WorldKey;
 use assignment::coordinates::{LengthUnit, NodePlaces};
 use assignment::grid::Grid;
 use assignment::{Demand, Network, Options, PathFlow, assign};
@@ -38,7 +36,6 @@ pub struct Town {
     network: Network,
     paths: Vec<PathFlow>,
     stations_m: Vec<(f64, f64)>,
-    usual_speeds_m_per_s: Vec<f64>,
     /// Metres for each unit of a loaded network's coordinates.
     metres_per_coordinate: f64,
 }
@@ -48,7 +45,7 @@ impl Town {
     ///
     /// # Errors
     /// As [`Grid::network`].
-    pub fn of_grid(scenario: &Scenario, seed: u64) -> Result<Self> {
+    pub fn of_grid(scenario: &Scenario) -> Result<Self> {
         let (mobility, traffic, planning) = (&scenario.mobility, &scenario.traffic, &scenario.planning);
         let grid = Grid {
             columns: mobility.blocks_x + 1,
@@ -74,7 +71,7 @@ impl Town {
         let lanes = |_: f64| mobility.lanes_per_direction;
         let map = road_map(&network, nodes.map(place).collect(), 1.0, lanes)?;
         let station = (scenario.cell.base_station_x_m, scenario.cell.base_station_y_m);
-        Self::new(map, network, &grid.demand()?, vec![station], 1.0, planning, seed)
+        Self::new(map, network, &grid.demand()?, vec![station], 1.0)
     }
 
     /// A loaded network at its real size, under base stations on a square lattice.
@@ -87,7 +84,6 @@ impl Town {
         nodes: &NodePlaces,
         units: Units,
         planning: &PlanningScenario,
-        seed: u64,
     ) -> Result<Self> {
         let seconds = units.seconds_per_time;
         if !(seconds.is_finite() && seconds > 0.0) {
@@ -131,7 +127,7 @@ impl Town {
             })
             .collect();
         let demand = Demand::new(demand.zones(), &trips)?;
-        Self::new(map, network, &demand, stations, metres, planning, seed)
+        Self::new(map, network, &demand, stations, metres)
     }
 
     fn new(
@@ -140,8 +136,6 @@ impl Town {
         demand: &Demand,
         stations_m: Vec<(f64, f64)>,
         metres_per_coordinate: f64,
-        planning: &PlanningScenario,
-        seed: u64,
     ) -> Result<Self> {
         let options = Options {
             gap: RELATIVE_GAP,
@@ -153,55 +147,28 @@ impl Town {
             let expected = "trips between nodes that lie apart";
             return Err(Error::input("trips", "none of any length", expected));
         }
-        let mut town = Self {
-            usual_speeds_m_per_s: map.roads().iter().map(|road| road.free_speed_m_per_s).collect(),
+        Ok(Self {
             map,
             network,
             paths,
             stations_m,
             metres_per_coordinate,
-        };
-        town.usual_speeds_m_per_s = town.observed_speeds(planning, seed)?;
-        Ok(town)
+        })
     }
 
-    /// Speeds of an hour without incidents and advice, in a world that no result comes from; where nobody drove, the free one.
-    fn observed_speeds(&self, planning: &PlanningScenario, seed: u64) -> Result<Vec<f64>> {
-        let key = WorldKey {
-            seed,
-            purpose: Purpose::Training,
-            world: 0,
-        };
-        let incidents = Incidents::none(self.map.block_count());
-        let trips = trips::draw(&self.paths, planning.horizon_s, &key);
-        let world = self.world(key, &trips, &incidents, planning);
-        let blind = Case {
-            sight: Sight::Blind,
-            connected_share: 0.0,
-            obeying_share: 0.0,
-            fade_s: planning.belief_fade_s,
-        };
-        let mut traffic = Queues::new(&self.map, &incidents);
-        let outcome = hour::run(world, blind, &mut traffic, &mut Fixed(0.0), |_, _| ())?;
+    /// Speeds by road of a vehicle alone, in m/s.
+    pub fn free_speeds_m_per_s(&self) -> Vec<f64> {
         let roads = self.map.roads().iter();
-        let speeds = outcome.speeds_m_per_s.iter().zip(roads);
-        Ok(speeds
-            .map(|(&speed, road)| {
-                if speed > 0.0 {
-                    speed
-                } else {
-                    road.free_speed_m_per_s
-                }
-            })
-            .collect())
+        roads.map(|road| road.free_speed_m_per_s).collect()
     }
 
-    /// A world on these roads.
+    /// A world on these roads, whose speeds are known when nothing happens.
     pub fn world<'w>(
         &'w self,
         key: WorldKey,
         trips: &'w [trips::Trip],
         incidents: &'w Incidents,
+        usual_speeds_m_per_s: &'w [f64],
         planning: &PlanningScenario,
     ) -> World<'w> {
         World {
@@ -211,7 +178,7 @@ impl Town {
             paths: &self.paths,
             trips,
             incidents,
-            usual_speeds_m_per_s: &self.usual_speeds_m_per_s,
+            usual_speeds_m_per_s,
             times: Times {
                 warmup_s: planning.warmup_s,
                 horizon_s: planning.horizon_s,
