@@ -115,6 +115,9 @@ fn measure(experiment: &Experiment, policy: &'static Kind, vehicles: u32) -> Res
     })
 }
 
+/// What the bound is called among the policies.
+pub const BOUND: &str = "(bound)";
+
 /// The bound on the same ladder: an ideal schedule without fading.
 pub fn bound(sub_channels: u32, ladder: &[u32]) -> Climb {
     let rung = |&vehicles: &u32| Rung {
@@ -123,7 +126,7 @@ pub fn bound(sub_channels: u32, ladder: &[u32]) -> Climb {
         ci95_ms: None,
     };
     Climb {
-        policy: "(bound)",
+        policy: BOUND,
         rungs: ladder.iter().map(rung).collect(),
     }
 }

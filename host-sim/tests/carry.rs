@@ -99,7 +99,12 @@ fn the_table_and_its_files_are_there() {
         text.contains("-: more than 45, the most that were tried"),
         "{text}"
     );
-    for name in ["carried.svg", "carried.csv", "ages_by_load.csv"] {
+    for name in [
+        "carried_at_10_ms.svg",
+        "ages_by_load.svg",
+        "carried.csv",
+        "ages_by_load.csv",
+    ] {
         assert!(folder.path().join(name).exists(), "{name}");
         assert!(text.contains(name), "{name}");
     }

@@ -39,7 +39,7 @@ pub struct CarryArguments {
     /// Worker threads; results do not depend on them [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Folder for the figure (SVG) and its data (CSV) [default: out]
+    /// Folder for figures (SVG) and data (CSV) [default: out]
     #[arg(long, value_name = "DIR", conflicts_with = "json")]
     pub out: Option<PathBuf>,
     /// Print one JSON object and nothing else; write no files

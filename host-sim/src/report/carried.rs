@@ -1,9 +1,10 @@
-//! How many vehicles a sub-channel carries, by policy: the table, the data and the figure.
+//! How many vehicles a sub-channel carries, by policy: the table, the data and the figures.
 
-use super::chart::{Axis, LineChart, Point, Series};
+use super::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use super::table::{Column, Table};
 use crate::experiment::Experiment;
-use crate::load::{AGES_MS, Carried, Climb, Rung};
+use crate::load::{AGES_MS, BOUND, Carried, Climb, Rung};
+use crate::policy::actor;
 use kit::error::Result;
 use kit::files::NamedText;
 use serde_json::{Value, json};
@@ -92,13 +93,24 @@ pub fn to_json(experiment: &Experiment, climbs: &[Climb]) -> Value {
     })
 }
 
-/// The figure of ages against loads, its points, and what is carried.
+/// The figures: by age what is carried, and ages against loads; and their data.
 ///
 /// # Errors
-/// If the figure cannot show its values.
+/// If a figure cannot show its values.
 pub fn files(experiment: &Experiment, climbs: &[Climb], carried: &Table) -> Result<Vec<NamedText>> {
-    let sub_channels = f64::from(experiment.scenario.radio.sub_channels);
-    let load = |rung: &Rung| f64::from(rung.vehicles) / sub_channels;
+    let note = format!(
+        "{}. Intervals and bands: 95 %, over worlds.",
+        description(experiment)
+    );
+    let sub_channels = experiment.scenario.radio.sub_channels;
+    let mut set = Vec::new();
+    for age_ms in AGES_MS {
+        let chart = carried_chart(age_ms, sub_channels, climbs, &note);
+        if !chart.bars.is_empty() {
+            set.push((format!("carried_at_{age_ms}_ms.svg"), chart.to_svg()?));
+        }
+    }
+    let load = |rung: &Rung| f64::from(rung.vehicles) / f64::from(sub_channels);
     let mark = |rung: &Rung| Point {
         x: load(rung),
         y: rung.mean_ms,
@@ -112,12 +124,11 @@ pub fn files(experiment: &Experiment, climbs: &[Climb], carried: &Table) -> Resu
         points: climb.rungs.iter().map(mark).collect(),
     });
     let chart = LineChart {
-        title: "Vehicles that a sub-channel carries at a mean age".to_owned(),
-        note: format!("{}. Bands: 95 %, over worlds.", description(experiment)),
+        title: "Mean age of information against load".to_owned(),
+        note,
         horizontal: Axis::logarithmic("vehicles a sub-channel"),
         vertical: Axis::logarithmic("uncapped mean age (ms)"),
         series: series.collect(),
-        // The ages in question are the axis's decades.
         references: Vec::new(),
     };
     let points = || {
@@ -134,9 +145,38 @@ pub fn files(experiment: &Experiment, climbs: &[Climb], carried: &Table) -> Resu
             points().map(|(_, rung)| rung.ci95_ms),
         ),
     ])?;
-    Ok(vec![
-        ("carried.svg".to_owned(), chart.to_svg()?),
+    set.extend([
+        ("ages_by_load.svg".to_owned(), chart.to_svg()?),
         ("carried.csv".to_owned(), carried.to_csv()),
         ("ages_by_load.csv".to_owned(), ages.to_csv()),
-    ])
+    ]);
+    Ok(set)
+}
+
+/// What is carried at an age, by those who carry fewer than were tried.
+fn carried_chart(age_ms: f64, sub_channels: u32, climbs: &[Climb], note: &str) -> BarChart {
+    let of = |climb: &Climb| climb.carried(age_ms, sub_channels);
+    let (bounds, policies): (Vec<&Climb>, Vec<&Climb>) =
+        climbs.iter().partition(|climb| climb.policy == BOUND);
+    let bars = policies.into_iter().filter_map(|climb| {
+        let carried = of(climb);
+        Some(Bar {
+            name: climb.policy.to_owned(),
+            value: carried.vehicles?,
+            interval: carried.interval.and_then(|[fewest, most]| fewest.zip(most)),
+            emphasised: climb.policy == actor::KIND.name,
+        })
+    });
+    let bound = bounds.first().and_then(|climb| of(climb).vehicles);
+    BarChart {
+        title: format!("Vehicles that a sub-channel carries at a mean age of {age_ms} ms"),
+        note: note.to_owned(),
+        axis: Axis::linear("vehicles a sub-channel"),
+        decimals: 1,
+        bars: bars.collect(),
+        reference: bound.map(|value| Reference {
+            name: "bound".to_owned(),
+            value,
+        }),
+    }
 }
