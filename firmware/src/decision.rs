@@ -7,7 +7,7 @@ use crate::units::{Dbm, Level, SubChannel};
 pub const JOINER_LEVELS: usize = 4;
 
 /// Number of actions, and of the network's outputs.
-pub const ACTIONS: usize = 2 + JOINER_LEVELS;
+pub const ACTIONS: usize = 3 + JOINER_LEVELS;
 
 /// Number of choices of a vehicle that may send on any sub-channel ([`PowerPlan::sub_channel_choice`]).
 pub const SUB_CHANNEL_CHOICES: usize = 1 + 2 * PAPER_SUB_CHANNELS;
@@ -30,6 +30,9 @@ pub enum Action {
     Joiner3 = 4,
     /// The same at the fourth level.
     Joiner4 = 5,
+    /// Send where the gain is largest of the sub-channels that carry others' places, so as to be received at the first joiner level: an
+    /// owner who sends there captures the receiver, and the guest takes a place that its owner leaves.
+    Guest = 6,
 }
 
 impl Action {
@@ -41,6 +44,7 @@ impl Action {
         Self::Joiner2,
         Self::Joiner3,
         Self::Joiner4,
+        Self::Guest,
     ];
 
     /// The joiner actions from the lowest level up.
@@ -90,10 +94,10 @@ impl PowerPlan {
     /// The decision that carries out `action`: silence where there is no sub-channel for it.
     pub fn decision(&self, action: Action, observation: &Observation) -> Decision {
         let sight = &observation.quantities().sight;
-        let (sub_channel, gain) = if action == Action::FullPower {
-            (sight.own, sight.own_gain)
-        } else {
-            (sight.best, sight.best_gain)
+        let (sub_channel, gain) = match action {
+            Action::FullPower => (sight.own, sight.own_gain),
+            Action::Guest => (sight.guest, sight.guest_gain),
+            _ => (sight.best, sight.best_gain),
         };
         let aim = i32::from(self.aim(action).to_bits());
         let power = power(observation.max_power(), gain, aim) as i16;
@@ -110,7 +114,7 @@ impl PowerPlan {
     pub fn aim(&self, action: Action) -> Level {
         // By indexing: one way for all actions takes the same number of instructions for each.
         let [first, second, third, fourth] = self.joiner_levels;
-        let aims = [FULL_POWER, FULL_POWER, first, second, third, fourth];
+        let aims = [FULL_POWER, FULL_POWER, first, second, third, fourth, first];
         aims.get(action as usize).copied().unwrap_or(FULL_POWER)
     }
 

@@ -35,13 +35,17 @@ proptest! {
         prop_assert_eq!(best.is_some(), !readings.open().is_empty());
         let called = i64::from(known.priority()) >= i64::from(readings.threshold);
         let contends = called && best.is_some_and(reaches) && !readings.awaits;
+        let starves = i64::from(known.priority()) / 8 * 3 >= i64::from(readings.threshold);
+        let guest = readings.guest().filter(|_| starves && holds && !readings.awaits);
+        let is_guest = guest.is_some_and(reaches);
         let own = readings.own().filter(|_| has_turn(&readings));
         let lot = readings.identity().lot(SlotIndex(readings.slot)) >> 16;
         let expected = match own {
-            // A turn in a fade is left to others only where there is something better to do.
-            Some(own) if !contends || reaches(own) => Action::FullPower,
+            // A turn in a fade is left to others only where some wait.
+            Some(own) if best.is_none() || reaches(own) => Action::FullPower,
             _ if contends && holds => Action::JOINERS[lot as usize & 3],
             _ if contends => Action::Joiner4,
+            _ if is_guest => Action::Guest,
             _ => Action::Silent,
         };
         prop_assert_eq!(act(&observation, Level::from_bits(required)), expected);

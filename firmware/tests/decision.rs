@@ -9,7 +9,7 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn the_first_largest_output_wins(outputs in prop::array::uniform6(prop_oneof![any::<i32>(), -2..3, Just(i32::MIN)])) {
+    fn the_first_largest_output_wins(outputs in prop::array::uniform7(prop_oneof![any::<i32>(), -2..3, Just(i32::MIN)])) {
         let largest = *outputs.iter().max().unwrap();
         let first = outputs.iter().position(|&output| output == largest).unwrap();
         prop_assert_eq!(Action::from_outputs(&outputs) as usize, first);
@@ -23,15 +23,17 @@ proptest! {
         let (observation, full) = (readings.observation(), i32::from(readings.max_power));
         let plan = PowerPlan { joiner_levels: levels.map(Level::from_bits) };
         for action in Action::ALL {
+            // Received at the level, at full power where that is not enough, and never below what 16 bits can say.
+            let at_level = |sub_channel: usize, level: i16| {
+                let above = i32::from(readings.gain[sub_channel]) - i32::from(level);
+                (sub_channel, (full - above.clamp(0, i32::from(i16::MAX))).max(i32::from(i16::MIN)))
+            };
             let joiner = Action::JOINERS.iter().position(|&joiner| joiner == action);
-            let expected = match joiner {
-                // Received at the level, at full power where that is not enough, and never below what 16 bits can say.
-                Some(joiner) => best(&readings).map(|best| {
-                    let above = i32::from(readings.gain[best]) - i32::from(levels[joiner]);
-                    (best, (full - above.clamp(0, i32::from(i16::MAX))).max(i32::from(i16::MIN)))
-                }),
-                None if action == Action::FullPower => readings.own().map(|own| (own, full)),
-                None => None,
+            let expected = match (joiner, action) {
+                (Some(joiner), _) => best(&readings).map(|best| at_level(best, levels[joiner])),
+                (None, Action::FullPower) => readings.own().map(|own| (own, full)),
+                (None, Action::Guest) => readings.guest().map(|guest| at_level(guest, levels[0])),
+                _ => None,
             };
             let found = match plan.decision(action, &observation) {
                 Decision::Silent => None,

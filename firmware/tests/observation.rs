@@ -115,6 +115,9 @@ fn check(readings: &Readings, required: i16) {
     flags(17, level > 1);
     flags(20, level > 2);
     flags(18, !readings.open().is_empty());
+    let starves = i64::from(known.priority()) / 8 * 3 >= i64::from(readings.threshold);
+    let guest = readings.guest().filter(|_| starves && readings.gains_hold);
+    flags(21, guest.is_some_and(|guest| readings.gain[guest] >= required));
     if let Some(until) = until_turn(readings) {
         close(19, 64.0 * until, 1.0 + 64.0 * rough);
     }

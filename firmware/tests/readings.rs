@@ -124,6 +124,16 @@ impl Readings {
             .collect()
     }
 
+    /// Of the sub-channels that carry others' places the one with the largest gain, of equal ones the first.
+    pub fn guest(&self) -> Option<usize> {
+        let (own, open) = (self.own(), self.open());
+        let carried = self.carried().into_iter().map(|(sub_channel, _)| sub_channel);
+        let others = carried.filter(|sub_channel| Some(*sub_channel) != own && !open.contains(sub_channel));
+        // The lowest level of all stands for none.
+        let others = others.filter(|&sub_channel| self.gain[sub_channel] > i16::MIN);
+        others.rev().max_by_key(|&sub_channel| self.gain[sub_channel])
+    }
+
     /// The age as it saturates.
     pub fn slots(&self) -> u32 {
         self.age.unwrap_or(u32::MAX).min(65_535)

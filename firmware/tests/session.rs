@@ -160,7 +160,7 @@ fn a_unit_draws_its_lots_under_the_number_that_it_is_told() {
     let all = |session: &mut Session<'_>| -> Vec<UnitFrame> {
         frames.iter().flat_map(|frame| send(session, frame)).collect()
     };
-    let table = Contents::random(4, &[INPUTS, 16, ACTIONS]).bytes();
+    let table = Contents::random(5, &[INPUTS, 16, ACTIONS]).bytes();
     let own = all(&mut Session::new(Unit::new(&table, Identity(5))));
     assert_eq!(own.len(), frames.len());
     let number = 0xdead_beef;

@@ -124,7 +124,7 @@ fn every_refusal_names_its_field() {
         ),
         (refusal(|c| c.layer_count = 0), "layers: found 0, expected 4"),
         (refusal(|c| c.layer_count = 5), "layers: found 5, expected 4"),
-        (refusal(|c| c.layer_count = 2), "width: found 6, expected 0"),
+        (refusal(|c| c.layer_count = 2), "width: found 7, expected 0"),
         (refusal(|c| c.layer_count = 4), "width: found 0, expected 1024"),
         (
             refusal(|c| c.widths[1] = 1025),
@@ -135,7 +135,7 @@ fn every_refusal_names_its_field() {
             "observation form: found 3, expected 2",
         ),
         (refusal(|c| c.forms[1] = 4), "output form: found 4, expected 3"),
-        (refusal(|c| c.forms[0] = 2), "inputs: found 21, expected 7"),
+        (refusal(|c| c.forms[0] = 2), "inputs: found 22, expected 7"),
         (
             refusal(|c| {
                 *c = Contents::in_form(7, 2, 3);
@@ -153,7 +153,7 @@ fn every_refusal_names_its_field() {
         (refusal(|c| c.padding = 1), "padding: found 1, expected 0"),
         (
             refusal(|c| c.start_error = 1),
-            "start of sums: found 1337758, expected 1337757",
+            "start of sums: found -371808, expected -371809",
         ),
         (
             // The largest even row of 5 hidden inputs: 5 x 255 x 127 and the bias; one more does not fit.
@@ -166,8 +166,8 @@ fn every_refusal_names_its_field() {
         (
             // The least: the first layer's int8 inputs, -128 x 127 of them.
             refusal(|c| {
-                c.layers[0].weights[4] = vec![127; 21];
-                c.layers[0].biases[4] = -(1 << 23) + 21 * 128 * 127 - 1;
+                c.layers[0].weights[4] = vec![127; 22];
+                c.layers[0].biases[4] = -(1 << 23) + 22 * 128 * 127 - 1;
             }),
             "even row sum: found -8388609, expected 8388608",
         ),
@@ -179,16 +179,16 @@ fn every_refusal_names_its_field() {
             }),
             "weight pair: found 32767, expected 32639",
         ),
-        (refusal(|c| widen(c, 0, 22)), "inputs: found 22, expected 21"),
+        (refusal(|c| widen(c, 0, 23)), "inputs: found 23, expected 22"),
         (
             refusal(|c| {
                 let last: &mut Layer = c.layers.last_mut().unwrap();
                 last.biases.push(0);
                 last.multipliers.push(0);
                 last.weights.push(vec![0; 3]);
-                c.widths[3] = 7;
+                c.widths[3] = 8;
             }),
-            "outputs: found 7, expected 6",
+            "outputs: found 8, expected 7",
         ),
         (
             refusal(|c| drop(c.layers.pop())),

@@ -90,8 +90,8 @@ impl Contents {
 
     /// A random network of these forms' codes, with one hidden layer.
     pub fn in_form(seed: u64, observation: u8, output: u8) -> Self {
-        let inputs = [21, 61, 7][usize::from(observation)];
-        let outputs = [6, 7, 7, 2][usize::from(output)];
+        let inputs = [22, 61, 7][usize::from(observation)];
+        let outputs = [7, 7, 7, 2][usize::from(output)];
         let mut contents = Self::random(seed, &[inputs, 16, outputs]);
         contents.forms = [observation, output];
         if output == 3 {

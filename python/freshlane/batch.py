@@ -12,13 +12,14 @@ from . import _arguments
 from ._native import Batch, Scenario, Table, Trace
 from .trace import mobility_of
 
-INPUTS = 20
+INPUTS = 22
 """Length of an encoded observation."""
 ONE = 64
 """The int8 code of 1.0 in an observation."""
-ACTIONS = 6
+ACTIONS = 7
 """Number of actions: 0 silent, 1 full power where the vehicle's place in the ring is, 2 to 5 received at the joiner levels 1 to 4 where
-it likes an open sub-channel best. Without such a sub-channel in the slot all of them are silence."""
+it likes an open sub-channel best, 6 at the first of them where its gain is largest of the sub-channels that carry others' places. Without such a
+sub-channel in the slot all of them are silence."""
 
 Encoding = Literal["int8", "float32"]
 Reward = Literal["own", "team"]

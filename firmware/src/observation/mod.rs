@@ -201,6 +201,7 @@ impl Observation {
     /// | 18 | flag: some sub-channel is open |
     /// | 19 | share of the ring until its turn; without a meaning if it has no place |
     /// | 20 | flag: its level is the highest |
+    /// | 21 | flag: it may be a guest in another's place ([`Quantities::is_guest`]) |
     pub fn encode(&self, required_sinr: Level) -> [i8; INPUTS] {
         self.quantities
             .encode(i32::from(required_sinr.to_bits()))

@@ -4,7 +4,7 @@
 use crate::units::Level;
 
 /// Length of the actor's input.
-pub const INPUTS: usize = 21;
+pub const INPUTS: usize = 22;
 
 /// The int8 code of 1.0: inputs are in steps of 1/64 and saturate at -2 and +1.984.
 pub const ONE: i8 = 64;
@@ -31,6 +31,10 @@ pub struct Sight {
     pub best_liking: i32,
     /// Its level there.
     pub best_gain: i32,
+    /// Of the sub-channels that carry others' places the one with its largest level, or [`NOWHERE`].
+    pub guest: i32,
+    /// Its level there.
+    pub guest_gain: i32,
 }
 
 impl Sight {
@@ -41,6 +45,8 @@ impl Sight {
         best: NOWHERE,
         best_liking: i32::MIN,
         best_gain: Level::MIN.to_bits() as i32,
+        guest: NOWHERE,
+        guest_gain: Level::MIN.to_bits() as i32,
     };
 
     /// Takes in a sub-channel with the place that it carries and the vehicle's level on it. `own` is the vehicle's place, negative
@@ -58,12 +64,15 @@ impl Sight {
     ) -> Self {
         let is_own = place == own;
         let is_best = open & (liking > self.best_liking);
+        let is_guest = !(open | is_own) & (gain > self.guest_gain);
         Self {
             own: if is_own { sub_channel } else { self.own },
             own_gain: if is_own { gain } else { self.own_gain },
             best: if is_best { sub_channel } else { self.best },
             best_liking: if is_best { liking } else { self.best_liking },
             best_gain: if is_best { gain } else { self.best_gain },
+            guest: if is_guest { sub_channel } else { self.guest },
+            guest_gain: if is_guest { gain } else { self.guest_gain },
         }
     }
 }
@@ -166,6 +175,15 @@ impl Quantities {
         self.priority() >= self.threshold
     }
 
+    /// Whether it may be a guest where another one's place is: its gain suffices there, and its priority is 8/3 of the threshold or more
+    /// (chosen: best of 3/2, 5/2 and 4 in the hard cell, and three eighths need no division). `required_sinr` is in 1/256 dB.
+    #[inline(always)]
+    pub const fn is_guest(&self, required_sinr: i32) -> bool {
+        let starves = (self.priority() >> 3).wrapping_mul(3) >= self.threshold;
+        let reaches = (self.sight.guest >= 0) & (self.sight.guest_gain >= required_sinr);
+        starves & reaches & (self.gains_hold > 0)
+    }
+
     /// At which of the four levels to be received when contending: the lot's last bits, which part nobody's priorities. The highest where
     /// gains do not hold, so that a lower one cannot be aimed at.
     #[inline(always)]
@@ -218,6 +236,7 @@ impl Quantities {
             flag(sight.best >= 0),
             saturate((self.places_until_turn.wrapping_mul(self.places_reciprocal)) >> 18),
             flag(self.level() > 2),
+            flag(self.is_guest(required_sinr)),
         ]
     }
 }

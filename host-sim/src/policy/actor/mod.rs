@@ -95,7 +95,7 @@ impl Policy for LaneActor {
     }
 }
 
-/// Where an action sends: its own place's sub-channel, the best one to contend on, or nowhere.
+/// Where an action sends: its own place's sub-channel, the best one to contend on, the best one of others, or nowhere.
 #[inline(always)]
 fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
     let mut chosen = [0; LANES];
@@ -104,7 +104,9 @@ fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
         // All bits set, as in no sub-channel.
         const _: () = assert!(SILENT == u8::MAX && NOWHERE as u8 == SILENT);
         let own = actions[lane] == Action::FullPower as i32;
+        let guest = actions[lane] == Action::Guest as i32;
         let sub_channel = if own { view.own[lane] } else { view.best[lane] };
+        let sub_channel = if guest { view.guest[lane] } else { sub_channel };
         chosen[lane] = (sub_channel | silent) as u8;
     }
     chosen
@@ -124,8 +126,10 @@ fn powers(plan: &PowerPlan, max_power: Dbm, view: &View, actions: &Row<i32>) -> 
                 chosen
             };
         }
+        let guest = actions[lane] == Action::Guest as i32;
+        let gain = if guest { view.guest_gain[lane] } else { view.best_gain[lane] };
         // At full power no gain is reduced.
-        powers[lane] = power(max_power, view.best_gain[lane], chosen) as i16;
+        powers[lane] = power(max_power, gain, chosen) as i16;
     }
     powers
 }

@@ -42,6 +42,8 @@ pub struct View {
     pub best: Row<i32>,
     best_liking: Row<i32>,
     pub best_gain: Row<i32>,
+    pub guest: Row<i32>,
+    pub guest_gain: Row<i32>,
 }
 
 /// Encodes for networks of one required SINR.
@@ -122,6 +124,8 @@ impl Encoder {
             best: [none.best; LANES],
             best_liking: [none.best_liking; LANES],
             best_gain: [none.best_gain; LANES],
+            guest: [none.guest; LANES],
+            guest_gain: [none.guest_gain; LANES],
         };
         view.look(senses, self.gains_hold);
         view
@@ -195,6 +199,8 @@ impl View {
                     best: self.best[lane],
                     best_liking: self.best_liking[lane],
                     best_gain: self.best_gain[lane],
+                    guest: self.guest[lane],
+                    guest_gain: self.guest_gain[lane],
                 };
                 let sight = sight.with(
                     sub_channel as i32,
@@ -215,6 +221,8 @@ impl View {
                 self.best[lane] = sight.best;
                 self.best_liking[lane] = sight.best_liking;
                 self.best_gain[lane] = sight.best_gain;
+                self.guest[lane] = sight.guest;
+                self.guest_gain[lane] = sight.guest_gain;
                 let after = place[lane] + 1;
                 place[lane] = if after == places { 0 } else { after };
             }
@@ -245,6 +253,8 @@ impl View {
                 best: self.best[lane],
                 best_liking: self.best_liking[lane],
                 best_gain: self.best_gain[lane],
+                guest: self.guest[lane],
+                guest_gain: self.guest_gain[lane],
             },
         }
     }
