@@ -529,10 +529,11 @@ impl<'s> Environment<'s> {
                     places[index].1 = place;
                 }
                 self.channel.replace(world, vehicle, place);
-                let large_scale_db = self.channel.large_scale_db();
-                self.base_station.replace(world, vehicle, large_scale_db);
-                self.radio.arrive(world, vehicle);
                 self.ages.set(world, vehicle, Age::TIME_CONSTRAINT.slots());
+                let (slot, large_scale_db) = (SlotIndex(self.slot), self.channel.large_scale_db());
+                self.base_station
+                    .replace(world, vehicle, slot, &self.ages, large_scale_db);
+                self.radio.arrive(world, vehicle);
                 self.sensing.begin_unit(world, vehicle, BEFORE_FIRST);
             }
         }

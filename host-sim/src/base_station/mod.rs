@@ -11,7 +11,7 @@ use book::Book;
 use calls::{Caller, Slot};
 use firmware::lots::Identity;
 use firmware::measurement::Broadcast;
-use firmware::observation::place_lost;
+use firmware::observation::{place_lost, until_turn};
 use firmware::ring::{MAX_PLACES, Open, Ring, carrier, hop};
 use firmware::units::{Dbm, SlotIndex, SubChannels, Weight};
 use rand_core::Rng;
@@ -38,17 +38,17 @@ struct Sharing {
 /// Where gains hold, and who is called sends only if its gain suffices: the weak are called more often.
 const WITH_GAINS: Sharing = Sharing {
     owners_chance: 0.74,
-    open_per_failure: 2.65,
+    open_per_failure: 3.0,
     rounded_down: 0.1,
     full_weight: 32.0,
-    weight_power: -0.36,
+    weight_power: -0.55,
     value_power: 1.0,
 };
 
 /// Where they do not, and every call of a weak vehicle is likely wasted.
 const WITHOUT_GAINS: Sharing = Sharing {
-    owners_chance: 0.85,
-    open_per_failure: 3.8,
+    owners_chance: 0.6,
+    open_per_failure: 2.5,
     rounded_down: 0.87,
     full_weight: 255.0,
     weight_power: 0.61,
@@ -211,14 +211,47 @@ impl BaseStation {
         self.plan(world, arrivals, present, large_scale_db);
     }
 
-    /// Another vehicle takes a vehicle's index in one world: it associates anew, and takes over its place.
-    pub fn replace(&mut self, world: usize, vehicle: usize, large_scale_db: &Rows<f32>) {
+    /// Another vehicle takes a vehicle's index in one world, from this slot on: it associates anew, and takes over its place, or one that
+    /// comes round sooner ([`BaseStation::hasten`]). `ages` are those of the present vehicles.
+    pub fn replace(
+        &mut self,
+        world: usize,
+        vehicle: usize,
+        slot: SlotIndex,
+        ages: &Rows<u16>,
+        large_scale_db: &Rows<f32>,
+    ) {
         let place = self.announcements.ring.place(world, vehicle);
         self.leave(world, vehicle);
         self.join(world, vehicle, large_scale_db.get(world, vehicle));
         if let Some(place) = place {
             self.announcements.ring.give(world, vehicle, place);
             self.tell(world, vehicle);
+            self.hasten(world, vehicle, place, slot, ages);
+        }
+    }
+
+    /// Exchanges a newcomer's place with one that comes round as soon as both can have heard of it, in the slot after a call's delay: there,
+    /// with that of the vehicle that was received last. A newcomer's age is the time constraint, so that each slot for which it waits costs
+    /// more than one for which the other does.
+    fn hasten(&mut self, world: usize, newcomer: usize, place: u16, slot: SlotIndex, ages: &Rows<u16>) {
+        let announcements = &mut self.announcements;
+        let (sub_channels, places) = (announcements.sub_channels, announcements.places().get(world, 0));
+        let first = first_place(slot, sub_channels, places);
+        // Places that are handed out before that slot, and until it is over.
+        let before = sub_channels * announcements.decided.len();
+        let after = before + sub_channels;
+        let until = until_turn(place.into(), first.into(), places.into());
+        if until < after as i32 || announcements.told.get(world, newcomer) == 0 {
+            return;
+        }
+        let (ring, told) = (&mut announcements.ring, &announcements.told);
+        let owner = |ahead| ring.owner(world, (usize::from(first) + ahead) % usize::from(places));
+        let owners = (before..after).filter_map(owner);
+        let hears = owners.filter(|&owner| told.get(world, owner) > 0);
+        let other = hears.min_by_key(|&owner| ages.get(world, owner));
+        if let Some(sooner) = other.and_then(|other| ring.place(world, other)) {
+            ring.exchange(world, newcomer, sooner);
         }
     }
 
@@ -365,10 +398,13 @@ impl BaseStation {
         self.slot += 1;
     }
 
-    /// As [`Ring::first_place`], by a divider.
     fn first_place(&self, world: usize, slot: SlotIndex) -> u16 {
-        let passed = u64::from(slot.0) * self.announcements.sub_channels as u64;
-        (passed % u64::from(self.announcements.places().get(world, 0))) as u16
+        let announcements = &self.announcements;
+        first_place(
+            slot,
+            announcements.sub_channels,
+            announcements.places().get(world, 0),
+        )
     }
 
     /// Decides who may contend in the slot that is so far ahead.
@@ -499,6 +535,11 @@ impl BaseStation {
         }
         true
     }
+}
+
+/// As [`Ring::first_place`], by a divider.
+fn first_place(slot: SlotIndex, sub_channels: usize, places: u16) -> u16 {
+    (u64::from(slot.0) * sub_channels as u64 % u64::from(places)) as u16
 }
 
 /// Correlation of fading, from a gain's measurement to its use, from which it still holds (chosen).
@@ -780,7 +821,7 @@ mod tests {
         cell.prepare(&ages);
         let strong_failure = 1.0 - libm::exp(-7.0 * libm::exp10(-f64::from(STRONG_DB) / 10.0));
         let failures: f64 = (0..4).map(|vehicle| 1.0 - chance(vehicle)).sum();
-        let free = (2.65 * (failures + 16.0 * strong_failure) - 0.1).floor() as u16;
+        let free = (3.0 * (failures + 16.0 * strong_failure) - 0.1).floor() as u16;
         assert!(free > 5, "{free}");
         let ring = cell.heard().ring;
         assert_eq!(ring.places(), 16 + free);
@@ -788,7 +829,7 @@ mod tests {
             assert_eq!(cell.place(vehicle).is_some(), vehicle >= 4);
         }
         let weights: Vec<u8> = (0..5).map(|vehicle| cell.weight(vehicle)).collect();
-        let expected = |vehicle| (32.0 * libm::pow(chance(vehicle), -0.36)).round() as u8;
+        let expected = |vehicle| (32.0 * libm::pow(chance(vehicle), -0.55)).round() as u8;
         assert_eq!(weights[..4], [0, 1, 2, 3].map(expected));
         assert!(weights.windows(2).all(|pair| pair[0] > pair[1]), "{weights:?}");
         // Every place is owned once at most, and the free ones lie apart alike.
@@ -886,23 +927,64 @@ mod tests {
         assert_eq!((cell.place(6), cell.place(0)), (Some(0), None));
     }
 
-    /// Whoever comes takes over the place, and no other vehicle's moves.
+    /// Whoever comes has a turn in the slot after the next at the latest, and one other vehicle waits for the place that was left.
     #[test]
-    fn a_replaced_vehicle_s_place_is_its_successor_s() {
-        let mut cell = Cell::new(12, &[]);
-        (0..3).for_each(|vehicle| cell.gains_db.fill(vehicle, 0.0));
-        let all: Vec<_> = (0..12).collect();
-        cell.update(&all, &[]);
-        let ages = Rows::new(WORLDS, 12, 100);
-        cell.prepare(&ages);
-        let before = cell.station.announcements().booked().clone();
-        for vehicle in [1, 7, 11, 7] {
-            cell.station.replace(WORLD, vehicle, &cell.gains_db);
+    fn a_newcomer_s_turn_comes_soon_at_the_expense_of_one_other() {
+        for (weak, settings, delay) in [
+            (0, &[][..], 0),
+            (3, &[][..], 0),
+            (0, &["broadcast.call_delay_slots=2"][..], 2),
+        ] {
+            let mut cell = Cell::new(20, settings);
+            (0..weak).for_each(|vehicle| cell.gains_db.fill(vehicle, 0.0));
+            let all: Vec<_> = (0..20).collect();
+            cell.update(&all, &[]);
+            let mut ages = Rows::new(WORLDS, 20, 100);
+            (0..20).for_each(|vehicle| ages.fill(vehicle, 20 - vehicle as u16));
             cell.prepare(&ages);
-            let slots = cell.station.associated_at().get(WORLD, vehicle);
-            assert_eq!(slots + 1, cell.slot);
+            let mut hastened = 0;
+            for newcomer in weak..20 {
+                let ring = cell.heard().ring;
+                let before = cell.station.announcements().booked().clone();
+                ages.fill(newcomer, 100);
+                let slot = SlotIndex(cell.slot);
+                cell.station.replace(WORLD, newcomer, slot, &ages, &cell.gains_db);
+                assert_eq!(cell.station.associated_at().get(WORLD, newcomer), cell.slot);
+                cell.prepare(&ages);
+                let after = cell.station.announcements().booked().clone();
+                let moved = all
+                    .iter()
+                    .filter(|&&vehicle| after.get(WORLD, vehicle) != before.get(WORLD, vehicle));
+                let moved: Vec<usize> = moved.copied().collect();
+                let first = ring.first_place(slot).into();
+                let place = after.get(WORLD, newcomer).into();
+                let until = until_turn(place, first, ring.places().into()) / 3;
+                if moved.is_empty() {
+                    // Its place comes as soon, or all that do are nobody's.
+                    assert!(until <= delay + 1 || weak > 0);
+                    continue;
+                }
+                hastened += 1;
+                assert_eq!(until, delay + 1);
+                assert_eq!(moved.len(), 2);
+                let other = moved[usize::from(moved[0] == newcomer)];
+                assert_eq!(after.get(WORLD, other), before.get(WORLD, newcomer));
+                // Of three who might wait, none is younger.
+                let might = |vehicle: &usize| {
+                    let place = before.get(WORLD, *vehicle).into();
+                    let until = until_turn(place, first, ring.places().into()) / 3;
+                    place < i32::from(ring.places()) && until == delay + 1
+                };
+                let youngest = all
+                    .iter()
+                    .copied()
+                    .filter(might)
+                    .map(|vehicle| ages.get(WORLD, vehicle))
+                    .min();
+                assert_eq!(Some(ages.get(WORLD, other)), youngest);
+            }
+            assert!(hastened > 5, "{hastened}");
         }
-        assert_eq!(before, *cell.station.announcements().booked());
     }
 
     #[test]
