@@ -94,11 +94,11 @@ impl PowerPlan {
     /// The decision that carries out `action`: silence where there is no sub-channel for it.
     pub fn decision(&self, action: Action, observation: &Observation) -> Decision {
         let sight = &observation.quantities().sight;
-        let (sub_channel, gain) = match action {
-            Action::FullPower => (sight.own, sight.own_gain),
-            Action::Guest => (sight.guest, sight.guest_gain),
-            _ => (sight.best, sight.best_gain),
-        };
+        // By indexing: one way for all actions takes the same number of instructions for each.
+        let best = (sight.best, sight.best_gain);
+        let (own, guest) = ((sight.own, sight.own_gain), (sight.guest, sight.guest_gain));
+        let places = [best, own, best, best, best, best, guest];
+        let (sub_channel, gain) = places.get(action as usize).copied().unwrap_or(best);
         let aim = i32::from(self.aim(action).to_bits());
         let power = power(observation.max_power(), gain, aim) as i16;
         match SubChannel::new(sub_channel as u8) {
