@@ -176,7 +176,7 @@ impl Quantities {
     }
 
     /// Whether it may be a guest where another one's place is: its gain suffices there, and its priority is 8/3 of the threshold or more
-    /// (chosen: best of 3/2, 5/2 and 4 in the hard cell, and three eighths need no division). `required_sinr` is in 1/256 dB.
+    /// (chosen: in the hard cell 5/2 and 4 do alike and 3/2 worse; three eighths need no division). `required_sinr` is in 1/256 dB.
     #[inline(always)]
     pub const fn is_guest(&self, required_sinr: i32) -> bool {
         let starves = (self.priority() >> 3).wrapping_mul(3) >= self.threshold;
