@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// A point's result. Ages in ms; the keys are those of `host-sim run --json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
