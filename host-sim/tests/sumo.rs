@@ -204,6 +204,50 @@ fn a_vehicle_takes_the_route_that_it_is_told() {
 
 #[test]
 #[ignore = "needs SUMO: ./test sumo"]
+fn a_circle_of_queues_is_let_through() {
+    let places_m = vec![
+        (0.0, 0.0),
+        (75.0, 0.0),
+        (37.5, 65.0),
+        (-100.0, -100.0),
+        (175.0, -100.0),
+        (37.5, 200.0),
+    ];
+    // A triangle, and a road to each of its corners.
+    let circle = (0..3).map(|node| road(node, (node + 1) % 3, 75.0, 1, node));
+    let feeders = (0..3).map(|node| road(node + 3, node, 150.0, 1, node + 3));
+    let map = RoadMap::new(circle.chain(feeders).collect(), places_m).expect("a circle");
+    let mut traffic = free(&map);
+    for vehicle in 0..90 {
+        let first = vehicle % 3;
+        let (second, third) = ((first + 1) % 3, (first + 2) % 3);
+        let route = [first + 3, first, second, third, first, second];
+        traffic.depart(vehicle, &route).expect("a route");
+    }
+    let (mut arrived, mut vehicles, mut most) = (Vec::new(), Vec::new(), 0);
+    for second in 1..=20_000 {
+        traffic
+            .advance(f64::from(second), &mut arrived)
+            .expect("SUMO goes on");
+        traffic.on_roads(&mut vehicles).expect("places");
+        most = most.max(vehicles.len());
+        // Whoever is being let through may be told a route, too.
+        for on in vehicles.iter().filter(|on| on.road < 3 && second < 1_000) {
+            let onward = [(on.road + 1) % 3, (on.road + 2) % 3];
+            traffic.take_route(on.vehicle, &onward).expect("a route");
+        }
+    }
+    println!(
+        "{} let through, {} arrived, {most} at once",
+        traffic.let_through(),
+        arrived.len()
+    );
+    assert_eq!(arrived.len(), 90);
+    assert!(traffic.let_through() > 0 && most <= 90, "{most}");
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
 fn a_seed_gives_the_same_traffic() {
     let run = || {
         let mut traffic = free(&diamond());

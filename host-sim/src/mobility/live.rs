@@ -283,3 +283,18 @@ impl Mobility for Live<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{file_of, name_of};
+    use std::path::Path;
+
+    #[test]
+    fn a_name_is_a_file_and_perhaps_seconds() {
+        let moved = |name: &str| name_of(name, &Path::new("folder").join(file_of(name)));
+        assert_eq!(file_of("sumo:a@b.sumocfg@600"), "a@b.sumocfg");
+        assert_eq!(moved("sumo:x.sumocfg"), "sumo:folder/x.sumocfg");
+        assert_eq!(moved("sumo:x.sumocfg@600"), "sumo:folder/x.sumocfg@600");
+        assert_eq!(moved("trace@1.xml"), "folder/trace@1.xml");
+    }
+}
