@@ -115,6 +115,31 @@ fn a_bottleneck_passes_its_capacity() {
 
 #[test]
 #[ignore = "needs SUMO: ./test sumo"]
+fn every_road_passes_its_own_capacity() {
+    for (before, speeds_m_per_s, capacity) in [
+        (1800.0, (13.9, 25.0), 1000.0),
+        (1800.0, (25.0, 8.33), 1400.0),
+        (1800.0, (8.33, 25.0), 1700.0),
+        (1200.0, (13.9, 13.9), 1800.0),
+    ] {
+        let road = |node: u32, free_speed_m_per_s: f64, capacity_veh_per_h: f64| Road {
+            free_speed_m_per_s,
+            capacity_veh_per_h,
+            ..road(node, node + 1, 800.0, 1, node)
+        };
+        let roads = vec![
+            road(0, speeds_m_per_s.0, before),
+            road(1, speeds_m_per_s.1, capacity),
+        ];
+        let map = RoadMap::new(roads, vec![(0.0, 0.0), (800.0, 0.0), (1600.0, 0.0)]).expect("two roads");
+        let flow = flow_veh_per_h(&map, Incidents::none(2), &[0, 1], 1);
+        println!("{before} at {speeds_m_per_s:?} m/s, then {capacity}: {flow} vehicles/h");
+        close_to(flow, capacity.min(before), 0.05);
+    }
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
 fn an_incident_leaves_its_share_of_the_capacity() {
     for capacity_left in [0.2, 0.5] {
         let map = line(&[(1000.0, 2), (500.0, 2)]);

@@ -2,8 +2,8 @@
 //!
 //! One process a simulation, in steps of 1 s. A vehicle enters at the next whole second, and so late a trip seems on average,
 //! since its end is a whole second, too. Crossings have no rules, as in the built-in queues: what they cost is in a planning
-//! network's capacities. Where two streams meet, vehicles may overlap for a moment, then the later one falls back. An
-//! incident is a lower speed on the roads of its block, at which the lanes carry the capacity that is left.
+//! network's capacities. Where two streams meet, vehicles may overlap for a moment, then the later one falls back. Drivers follow as closely as the
+//! capacity of the road under them says (Newell's reaction time). An incident is a lower speed on the roads of its block, at which the lanes carry the capacity that is left.
 //!
 //! # Sources
 //! SUMO: P. Alvarez Lopez and others: *Microscopic Traffic Simulation using SUMO*, IEEE ITSC, 2018. Its options:
@@ -35,6 +35,10 @@ pub struct SumoTraffic {
     slow: Vec<bool>,
     /// Seconds since the start.
     second: u32,
+    /// By road, the type of vehicles on it.
+    types: Vec<String>,
+    /// Everybody who departed and has not arrived: the road whose type it has.
+    kinds: BTreeMap<u32, u32>,
     /// Everybody who has entered and not arrived.
     present: BTreeMap<u32, Presence>,
     routes: u64,
@@ -89,6 +93,8 @@ impl SumoTraffic {
             incidents,
             slow: vec![false; map.block_count() as usize],
             second: 0,
+            types: map.roads().iter().map(network::vehicle_type).collect(),
+            kinds: BTreeMap::new(),
             present: BTreeMap::new(),
             routes: 0,
             let_through: 0,
@@ -139,18 +145,30 @@ impl SumoTraffic {
                 road: number(&vehicle.road)?,
                 along_m: vehicle.along_m,
             };
+            self.suit_type(&vehicle.name, place);
             let seen = self.second;
             let _before = self.present.insert(place.vehicle, Presence { place, seen });
         }
         let first = arrived.len();
         for name in &step.arrived {
             let vehicle = number(name)?;
-            let _left = self.present.remove(&vehicle);
+            let _left = (self.present.remove(&vehicle), self.kinds.remove(&vehicle));
             let time_s = f64::from(self.second);
             arrived.push(Arrival { vehicle, time_s });
         }
         arrived[first..].sort_unstable_by_key(|arrival| arrival.vehicle);
         Ok(())
+    }
+
+    /// Lets a vehicle follow as closely as its road's capacity says, from the next step on.
+    fn suit_type(&mut self, name: &str, place: OnRoad) {
+        let Some(before) = self.kinds.insert(place.vehicle, place.road) else {
+            return;
+        };
+        let kind = self.types.get(place.road as usize);
+        if let (true, Some(kind)) = (kind != self.types.get(before as usize), kind) {
+            self.client.set_type(name, kind);
+        }
     }
 
     /// Checks that a vehicle can drive these roads one after the other, and names them for SUMO.
@@ -182,8 +200,13 @@ impl TrafficModel for SumoTraffic {
         let edges = self.edges(vehicle, route.iter().copied())?;
         let name = self.routes.to_string();
         self.routes += 1;
-        self.client
-            .add_vehicle(&vehicle.to_string(), network::VEHICLE_TYPE, &name, &edges);
+        let _before = self.kinds.insert(vehicle, route[0]);
+        self.client.add_vehicle(
+            &vehicle.to_string(),
+            &self.types[route[0] as usize],
+            &name,
+            &edges,
+        );
         Ok(())
     }
 

@@ -3,12 +3,10 @@
 use super::program::Programs;
 use crate::journeys::roads::{Road, RoadMap, SPACING_M};
 use kit::error::{Error, Result};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-
-/// The type of all vehicles.
-pub const VEHICLE_TYPE: &str = "car";
 
 /// Length of a vehicle in m; the rest of [`SPACING_M`] is its gap (SUMO's default passenger car).
 const LENGTH_M: f64 = 5.0;
@@ -26,11 +24,11 @@ const SHORTEST_REACTION_S: f64 = 1.0;
 pub struct Files {
     /// The network.
     pub network: PathBuf,
-    /// The type of vehicles.
+    /// The types of vehicles.
     pub types: PathBuf,
 }
 
-/// Writes a network and the type of its vehicles to a folder.
+/// Writes a network and the types of its vehicles to a folder.
 ///
 /// # Errors
 /// A file that cannot be written, or what SUMO's `netconvert` says of the network.
@@ -117,19 +115,27 @@ fn connections(map: &RoadMap) -> String {
     text + "</connections>\n"
 }
 
-/// Drivers all alike, who follow as closely as the roads' capacities say. SUMO knows one reaction time a type, so it is the
-/// mean over the roads, each as often as it has vehicles at its capacity.
+/// A driver's type on a road: how closely it follows there, so that the road carries its capacity. SUMO knows one reaction
+/// time a type, hence types of whole hundredths of a second.
+pub fn vehicle_type(road: &Road) -> String {
+    format!("reaction{}", reaction_hundredths(road))
+}
+
+fn reaction_hundredths(road: &Road) -> u32 {
+    (100.0 * road.reaction_time_s().max(SHORTEST_REACTION_S)).round() as u32
+}
+
 fn types(map: &RoadMap) -> String {
-    let weight = |road: &Road| road.capacity_veh_per_h * road.free_time_s();
-    let sum = |value: &dyn Fn(&Road) -> f64| map.roads().iter().map(value).sum::<f64>();
-    let reaction_s = sum(&|road| weight(road) * road.reaction_time_s()) / sum(&weight);
-    let reaction_s = reaction_s.max(SHORTEST_REACTION_S);
+    let reactions: BTreeSet<u32> = map.roads().iter().map(reaction_hundredths).collect();
     let gap_m = SPACING_M - LENGTH_M;
     let (accel, decel) = ACCELERATION_M_PER_S2;
-    format!(
-        r#"<additional>
-<vType id="{VEHICLE_TYPE}" length="{LENGTH_M}" minGap="{gap_m}" tau="{reaction_s}" accel="{accel}" decel="{decel}" emergencyDecel="{decel}" sigma="0" speedFactor="1" speedDev="0" maxSpeed="100" jmIgnoreFoeProb="1" jmIgnoreFoeSpeed="1000" jmIgnoreJunctionFoeProb="1"/>
-</additional>
-"#
-    )
+    let mut text = String::from("<additional>\n");
+    for hundredths in reactions {
+        let reaction_s = f64::from(hundredths) / 100.0;
+        let _ = writeln!(
+            text,
+            r#"<vType id="reaction{hundredths}" length="{LENGTH_M}" minGap="{gap_m}" tau="{reaction_s}" accel="{accel}" decel="{decel}" emergencyDecel="{decel}" sigma="0" speedFactor="1" speedDev="0" maxSpeed="100"/>"#
+        );
+    }
+    text + "</additional>\n"
 }

@@ -54,6 +54,7 @@ mod variable {
     pub const SPEED: u8 = 0x40;
     pub const MAX_SPEED: u8 = 0x41;
     pub const PLACE: u8 = 0x42;
+    pub const TYPE: u8 = 0x4f;
     pub const ROAD: u8 = 0x50;
     pub const ALONG: u8 = 0x56;
     pub const ROUTE: u8 = 0x57;
@@ -290,6 +291,20 @@ impl Client {
             command::SET_VEHICLE,
             &content,
             format!("route of vehicle {vehicle}"),
+        );
+    }
+
+    /// Orders that a vehicle is of another type.
+    pub fn set_type(&mut self, vehicle: &str, kind: &str) {
+        let mut content = Writer::default();
+        content.bytes(&[variable::TYPE]);
+        content.text(vehicle);
+        content.bytes(&[kind::TEXT]);
+        content.text(kind);
+        self.order(
+            command::SET_VEHICLE,
+            &content,
+            format!("type of vehicle {vehicle}"),
         );
     }
 
