@@ -548,7 +548,10 @@ fn vehicles_of_a_configuration_drive_live() {
     let error = crowded.results(|_| ()).err().expect("too many").to_string();
     assert_eq!(
         error,
-        "vehicles at once: found more vehicles, expected at most 3 in two steps of SUMO together: set cell.vehicles (--vehicles)"
+        format!(
+            "{configuration}: vehicles at once: found more vehicles, expected at most 3 in two steps of SUMO together: set \
+             cell.vehicles (--vehicles)"
+        )
     );
 }
 

@@ -236,9 +236,9 @@ impl Run {
     }
 }
 
-impl Mobility for Live<'_> {
-    fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
-        let slot = u64::from(slots);
+impl Live<'_> {
+    /// Lets SUMO run until its present step is the last that is not after a slot.
+    fn reach(&mut self, slot: u64) -> Result<()> {
         let run = match &mut self.run {
             Some(run) => run,
             none => none.insert(Run::start(self.source, self.seed, self.room)?),
@@ -247,7 +247,18 @@ impl Mobility for Live<'_> {
             let later = run.step(self.room, &self.last)?;
             run.current = std::mem::replace(&mut run.next, later);
         }
+        Ok(())
+    }
+}
+
+impl Mobility for Live<'_> {
+    fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
+        let slot = u64::from(slots);
+        let source = self.source;
+        self.reach(slot)
+            .map_err(|error| error.within(source.configuration.display()))?;
         places.clear();
+        let Some(run) = &self.run else { return Ok(()) };
         let span = (run.next.slot - run.current.slot) as f64;
         let fraction = (slot - run.current.slot) as f64 / span;
         for &(index, position) in &run.current.positions {
