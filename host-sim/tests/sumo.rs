@@ -557,6 +557,34 @@ fn vehicles_of_a_configuration_drive_live() {
 
 #[test]
 #[ignore = "needs SUMO: ./test sumo"]
+fn a_grid_of_points_sweeps_a_configuration() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let _file = configuration(folder.path());
+    let grid = r#"
+mobility = "sumo:x.sumocfg@120"
+policy = "clock"
+worlds = 2
+slots = 300
+vehicles = 60
+"cell.base_station_x_m" = 500
+"cell.base_station_y_m" = 500
+seed = [1, 2]
+"#;
+    let path = folder.path().join("grid.toml");
+    std::fs::write(&path, grid).expect("written");
+    let mut sweep = std::process::Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    sweep.arg("sweep").arg("--grid").arg(&path);
+    sweep.arg("--out").arg(folder.path().join("results"));
+    let output = sweep.output().expect("the program");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
 fn vehicles_move_between_two_steps() {
     let folder = tempfile::tempdir().expect("a folder");
     let name = format!("{}@120", configuration(folder.path()));

@@ -20,7 +20,8 @@ pub struct Outcome {
     pub worlds: u64,
     pub slots: u64,
     pub warmup: u64,
-    pub bound_age_ms: f64,
+    /// `None` where worlds have different vehicles.
+    pub bound_age_ms: Option<f64>,
     pub mean_age_ms: f64,
     pub mean_age_ci95_ms: Option<f64>,
     pub median_world_age_ms: f64,
