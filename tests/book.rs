@@ -10,8 +10,13 @@ use system_tests::{image, program};
 /// The one command that is no program of the workspace; `image::elf` runs it.
 const IMAGE_BUILD: &str = "cargo build -p firmware --profile firmware --target thumbv7em-none-eabihf";
 
-/// What needs a cluster or other tools: `cluster/test-slurm` runs the first two, and nothing the third.
-const ELSEWHERE: [&str; 3] = ["export HOST_SIM", "cluster/submit", "snakemake"];
+/// What needs a cluster or other tools: `cluster/test-slurm` runs the first two, nothing the third, and `./test sumo` the last.
+const ELSEWHERE: [&str; 4] = [
+    "export HOST_SIM",
+    "cluster/submit",
+    "snakemake",
+    "cargo run --release -- loop --traffic sumo",
+];
 
 /// A chapter: its name and text.
 struct Chapter {

@@ -20,7 +20,7 @@
 //! One slot: [`mobility`] -> [`channel`] -> measurement -> [`policy`] (the firmware's units among them) -> decision ->
 //! [`radio`] -> [`age`]; [`environment`] holds the loop, for many worlds side by side ([`lanes`]), [`simulation`] runs it,
 //! and an [`experiment`] compares policies in it. What ages mean for the road: [`capacity`], [`traffic`] and the crate
-//! [`assignment`]; [`closed_loop`] plans on the [`roads`] that vehicles report. Every random number comes from a keyed
+//! [`assignment`]; [`closed_loop`] says what trips lose because the base station learns of the roads late, with the hours of [`journeys`]. Every random number comes from a keyed
 //! [`stream`], so a seed gives the same bytes on any machine and for any number of threads. [`pack`] orders a network's
 //! integers for the firmware's kernel.
 //!

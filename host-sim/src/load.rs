@@ -55,7 +55,7 @@ pub struct Carried {
     pub interval: Option<[Option<f64>; 2]>,
 }
 
-/// Loads from one vehicle a sub-channel up to `most` vehicles in the cell, each [`STEP`] times the one before.
+/// Loads from one vehicle a sub-channel up to `most` vehicles in the cell, each `STEP` times the one before.
 pub fn ladder(sub_channels: u32, most: u32) -> Vec<u32> {
     let mut loads = vec![sub_channels.min(most)];
     let mut load = f64::from(sub_channels);

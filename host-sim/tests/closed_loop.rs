@@ -111,10 +111,6 @@ fn a_loaded_network_is_driven_at_its_size() {
             env!("CARGO_MANIFEST_DIR")
         )
     };
-    let folder = tempfile::tempdir().unwrap();
-    let nodes = folder.path().join("nodes.tntp");
-    let rows = (1..=24).map(|node| format!("{node}\t{}\t{}\t;\n", 10 * (node % 5), 7 * (node / 5)));
-    std::fs::write(&nodes, format!("Node\tX\tY\t;\n{}", rows.collect::<String>())).unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
         .args([
             "loop", "--json", "--worlds", "2", "--policy", "clock", "--delay", "60",
@@ -133,7 +129,6 @@ fn a_loaded_network_is_driven_at_its_size() {
             "--trips",
             &fixture("SiouxFalls_trips.tntp"),
         ])
-        .args(["--nodes".as_ref(), nodes.as_os_str()])
         .output()
         .unwrap();
     assert!(

@@ -212,7 +212,7 @@ impl BaseStation {
     }
 
     /// Another vehicle takes a vehicle's index in one world, from this slot on: it associates anew, and takes over its place, or one that
-    /// comes round sooner ([`BaseStation::hasten`]). `ages` are those of the present vehicles.
+    /// comes round sooner (`hasten`). `ages` are those of the present vehicles.
     pub fn replace(
         &mut self,
         world: usize,

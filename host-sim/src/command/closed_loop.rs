@@ -367,6 +367,13 @@ fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSum
         100.0 * planning.connected_share,
         100.0 * planning.obeying_share,
     ));
+    if arguments.net.is_some() {
+        table.note(&format!(
+            "{:.0} m for each unit of the network's coordinates; a base station every {} m.",
+            prepared.town.metres_per_coordinate(),
+            planning.station_spacing_m
+        ));
+    }
     table.note(
         "Lost: beyond the row above that differs in this thing alone (obedience, coverage, detection, radio), beyond the \
          freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
