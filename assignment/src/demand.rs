@@ -117,6 +117,26 @@ impl Demand {
         })
     }
 
+    /// So many times these trips.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a factor that is negative or not finite, or a total that overflows.
+    pub fn scaled(&self, factor: f64) -> Result<Self> {
+        check_not_negative("demand factor", factor)?;
+        let trips: Vec<Trip> = self
+            .trips()
+            .map(|trip| Trip {
+                volume: factor * trip.volume,
+                ..trip
+            })
+            .collect();
+        let scaled = Self::new(self.zones, &trips)?;
+        Ok(Self {
+            intrazonal: factor * self.intrazonal,
+            ..scaled
+        })
+    }
+
     /// Origins with any demand, by ascending zone.
     pub(crate) fn origins(&self) -> &[OriginDemand] {
         &self.origins

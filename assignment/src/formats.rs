@@ -105,6 +105,18 @@ pub fn read_places(path: &Path, nodes: Option<&Path>, network: &Network) -> Resu
     }
 }
 
+/// The files that a network consists of: those of a GMNS folder, any other file itself, with the nodes beside a TNTP network.
+///
+/// # Errors
+/// [`Error::File`] if nothing stands at `path`.
+pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
+    Ok(match Format::of(path)? {
+        Format::Gmns => vec![path.join(NODES), path.join(LINKS)],
+        Format::Sumo => vec![path.to_owned()],
+        Format::Tntp => [path.to_owned()].into_iter().chain(nodes_beside(path)).collect(),
+    })
+}
+
 /// `Name_node.tntp` beside `Name_net.tntp`, if it exists.
 fn nodes_beside(path: &Path) -> Option<PathBuf> {
     let name = path.file_name()?.to_str()?.strip_suffix(TNTP_ENDINGS.0)?;

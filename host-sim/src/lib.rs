@@ -34,6 +34,8 @@
 
 pub mod activity;
 pub mod age;
+#[cfg(feature = "program")]
+pub mod assign;
 pub mod base_station;
 pub mod capacity;
 pub mod channel;

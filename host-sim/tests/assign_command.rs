@@ -206,23 +206,23 @@ fn the_command_refuses_options_that_make_no_sense() {
     for (arguments, message) in [
         (
             &["--net", "grid", "--gap", "-1"][..],
-            "--gap: found -1, expected a finite number, not negative",
+            "gap: found -1, expected a finite number, not negative",
         ),
         (
             &["--net", "grid", "--gap", "nan"],
-            "--gap: found NaN, expected a finite number, not negative",
+            "gap: found NaN, expected a finite number, not negative",
         ),
         (
             &["--net", "grid", "--toll-weight", "inf"],
-            "--toll-weight: found inf, expected a finite number, not negative",
+            "toll_weight: found inf, expected a finite number, not negative",
         ),
         (
             &["--net", "grid", "--distance-weight", "-0.1"],
-            "--distance-weight: found -0.1, expected a finite number, not negative",
+            "distance_weight: found -0.1, expected a finite number, not negative",
         ),
         (
             &["--net", "grid", "--trips", "x"],
-            "--trips: found x, expected none with `--net grid`, which brings its own demand",
+            "trips: found x, expected none with the grid, which brings its own demand",
         ),
         (
             &["--net", net],
@@ -234,7 +234,7 @@ fn the_command_refuses_options_that_make_no_sense() {
         ),
         (
             &["--net", "grid", "--toll-weight", "0.02"],
-            "--toll-weight: found 0.02, expected none with `--net grid`, whose costs are times alone",
+            "toll_weight: found 0.02, expected none with the grid, whose costs are times alone",
         ),
         (
             &["--net", "grid", "--select-link", "1,2"],

@@ -3,18 +3,18 @@
 mod flow_files;
 mod outputs;
 
+use crate::assign::{AssignSource, Assignment, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
 use assignment::check::{self, Evaluation};
-use assignment::link::check_not_negative;
 use assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, Solution, Stop,
-    assign_from, assign_observed, formats, grid::Grid, path_flows,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Solution, Stop, path_flows,
 };
 use indicatif::{ProgressBar, ProgressStyle};
-use kit::error::{Error, Result};
+use kit::error::Result;
 use kit::files::Text;
 use kit::say;
-use std::path::{Path, PathBuf};
+use serde_json::{Value, json};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// The name that takes the place of a network file: the urban grid, which brings its own demand.
@@ -37,6 +37,9 @@ pub struct AssignArguments {
     /// counts one per hour); none with `grid`, which brings one vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
+    /// Factor on all trips
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+    pub demand_factor: f64,
     /// Solve nothing: judge the flows of this CSV or Parquet file (init_node,term_node,volume,cost; one row per link in file order)
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
@@ -50,7 +53,7 @@ pub struct AssignArguments {
     #[arg(long, allow_negative_numbers = true)]
     pub gap: Option<f64>,
     /// Iterations to stop at even if the gap is larger
-    #[arg(long, default_value_t = 10_000)]
+    #[arg(long, default_value_t = MAX_ITERATIONS)]
     pub max_iterations: usize,
     /// Cost of a unit of toll, in units of free-flow time
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
@@ -95,87 +98,46 @@ pub struct AssignArguments {
 }
 
 impl AssignArguments {
-    /// What toll and distance cost.
-    fn weights(&self) -> CostWeights {
-        CostWeights {
-            toll: self.toll_weight,
-            distance: self.distance_weight,
+    /// The assignment that the options describe.
+    pub fn source(&self) -> AssignSource {
+        AssignSource {
+            net: (self.net != GRID).then(|| PathBuf::from(&self.net)),
+            trips: self.trips.clone(),
+            demand_factor: self.demand_factor,
+            weights: CostWeights {
+                toll: self.toll_weight,
+                distance: self.distance_weight,
+            },
+            algorithm: self.algorithm,
+            objective: self.objective,
+            gap: self.gap,
+            max_iterations: self.max_iterations,
+            threads: usize::from(self.threads),
         }
-    }
-
-    /// The gap to stop at: what each kind of method reaches without effort.
-    fn gap(&self) -> f64 {
-        self.gap.unwrap_or(if self.algorithm == Algorithm::PathBased {
-            1e-10
-        } else {
-            1e-4
-        })
     }
 }
 
 /// Solves or judges, and reports.
 ///
 /// # Errors
-/// [`Error::Input`] for an option, network, trip table, flow or path file that makes no sense;
-/// [`Error::File`] for a file that cannot be read or written. Not reaching the gap is none: the
-/// report says so.
+/// An option, network, trip table, flow or path file that makes no sense; a file that cannot be read or written. Not reaching the
+/// gap is none: the report says so.
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
-    check_options(arguments)?;
-    let (network, demand) = if arguments.net == GRID {
-        grid()?
-    } else {
-        let trips = arguments.trips.as_deref();
-        formats::read(Path::new(&arguments.net), trips, arguments.weights())?
-    };
+    outputs::check_options(arguments)?;
+    let assignment = arguments.source().read()?;
     match &arguments.check {
-        Some(path) => judge(arguments, &network, &demand, path, start),
-        None => solve(arguments, &network, &demand, start),
+        Some(path) => judge(arguments, &assignment, path, start),
+        None => solve(arguments, &assignment, start),
     }
 }
 
-/// The grid with its own demand.
-fn grid() -> Result<(Network, Demand)> {
-    let grid = Grid::default();
-    Ok((grid.network()?, grid.demand()?))
-}
-
-fn check_options(arguments: &AssignArguments) -> Result<()> {
-    check_not_negative("--gap", arguments.gap())?;
-    check_not_negative("--toll-weight", arguments.toll_weight)?;
-    check_not_negative("--distance-weight", arguments.distance_weight)?;
-    if arguments.net == GRID {
-        check_grid_options(arguments)?;
-    }
-    outputs::check_options(arguments)
-}
-
-/// Refuses what the grid has no use for.
-fn check_grid_options(arguments: &AssignArguments) -> Result<()> {
-    if let Some(trips) = &arguments.trips {
-        let expected = "none with `--net grid`, which brings its own demand";
-        return Err(Error::input("--trips", trips.display(), expected));
-    }
-    for (name, weight) in [
-        ("--toll-weight", arguments.toll_weight),
-        ("--distance-weight", arguments.distance_weight),
-    ] {
-        if weight != 0.0 {
-            let expected = "none with `--net grid`, whose costs are times alone";
-            return Err(Error::input(name, weight, expected));
-        }
-    }
-    Ok(())
-}
-
-fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start: Instant) -> Result<()> {
-    let options = Options {
-        algorithm: arguments.algorithm,
-        objective: arguments.objective,
-        gap: arguments.gap(),
-        max_iterations: arguments.max_iterations,
-        threads: usize::from(arguments.threads),
-    };
+fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -> Result<()> {
+    let Assignment {
+        network,
+        demand,
+        options,
+    } = assignment;
     let selection = outputs::Selection::new(arguments, network)?;
     let start_paths = match &arguments.warm {
         Some(path) => Some(path_flows::read_paths(&Text::read(path)?, network)?),
@@ -188,10 +150,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
             progress.show(record.iteration, record.relative_gap);
         }
     };
-    let solution = match &start_paths {
-        Some(paths) => assign_from(network, demand, &options, paths, &mut observe)?,
-        None => assign_observed(network, demand, &options, &mut observe)?,
-    };
+    let solution = assignment.solve(start_paths.as_deref(), &mut observe)?;
     let seconds = solve_start.elapsed().as_secs_f64();
     if let Some(progress) = progress {
         progress.finish();
@@ -199,13 +158,11 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
     outputs::write(arguments, (network, demand), &selection, &solution)?;
     let seconds_total = start.elapsed().as_secs_f64();
     if arguments.json {
-        say!(
-            "{}",
-            solution_json(arguments, (network, demand), &solution, seconds, seconds_total)
-        );
+        let object = timed(assignment.to_json(&solution), seconds, seconds_total);
+        say!("{object}");
     } else {
         print_problem(network, demand);
-        print_solution(arguments, &solution, seconds, seconds_total);
+        print_solution(options.gap, &solution, seconds, seconds_total);
         for (word, path) in outputs::written(arguments) {
             say!("{word:<21}{}", path.display());
         }
@@ -217,9 +174,7 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
         };
         eprintln!(
             "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
-            solution.relative_gap,
-            solution.iterations,
-            arguments.gap()
+            solution.relative_gap, solution.iterations, options.gap
         );
     }
     Ok(())
@@ -227,14 +182,18 @@ fn solve(arguments: &AssignArguments, network: &Network, demand: &Demand, start:
 
 fn judge(
     arguments: &AssignArguments,
-    network: &Network,
-    demand: &Demand,
+    assignment: &Assignment,
     path: &std::path::Path,
     start: Instant,
 ) -> Result<()> {
+    let Assignment {
+        network,
+        demand,
+        options,
+    } = assignment;
     let link_flows = flow_files::read(path, network)?;
     let check_start = Instant::now();
-    let evaluation = check::evaluate(network, demand, arguments.objective, &link_flows)?;
+    let evaluation = check::evaluate(network, demand, options.objective, &link_flows)?;
     let seconds = check_start.elapsed().as_secs_f64();
     let seconds_total = start.elapsed().as_secs_f64();
     if !evaluation.conserves_demand {
@@ -245,10 +204,8 @@ fn judge(
         );
     }
     if arguments.json {
-        say!(
-            "{}",
-            evaluation_json(arguments, &evaluation, seconds, seconds_total)
-        );
+        let object = timed(evaluation_json(options.gap, &evaluation), seconds, seconds_total);
+        say!("{object}");
     } else {
         print_problem(network, demand);
         print_evaluation(network, &evaluation);
@@ -256,58 +213,23 @@ fn judge(
     Ok(())
 }
 
-fn solution_json(
-    arguments: &AssignArguments,
-    (network, demand): (&Network, &Demand),
-    solution: &Solution,
-    seconds: f64,
-    seconds_total: f64,
-) -> serde_json::Value {
-    serde_json::json!({
-        "relative_gap": solution.relative_gap,
-        "gap_asked_for": arguments.gap(),
-        "objective": solution.objective,
-        "total_travel_time": solution.total_travel_time,
-        "iterations": solution.iterations,
-        "converged": solution.converged,
-        "stopped": stop_name(solution.stopped),
-        "paths": solution.path_flows.len(),
-        "links": network.links().len(),
-        "zones": network.numbering().zones,
-        "pairs": demand.pairs(),
-        "total_demand": demand.total(),
-        "intrazonal_demand": demand.intrazonal(),
-        "seconds": seconds,
-        "seconds_total": seconds_total,
-    })
+/// A result with the times that it took: the solve's, and with reading.
+fn timed(mut object: Value, seconds: f64, seconds_total: f64) -> Value {
+    object["seconds"] = json!(seconds);
+    object["seconds_total"] = json!(seconds_total);
+    object
 }
 
-/// Why a solve ended, in a word.
-fn stop_name(stop: Stop) -> &'static str {
-    match stop {
-        Stop::Gap => "gap",
-        Stop::Iterations => "iterations",
-        Stop::Stagnation => "stagnation",
-    }
-}
-
-fn evaluation_json(
-    arguments: &AssignArguments,
-    evaluation: &Evaluation,
-    seconds: f64,
-    seconds_total: f64,
-) -> serde_json::Value {
-    serde_json::json!({
+fn evaluation_json(gap: f64, evaluation: &Evaluation) -> Value {
+    json!({
         "relative_gap": evaluation.relative_gap,
         "objective": evaluation.objective,
         "total_travel_time": evaluation.total_travel_time,
         "iterations": 0,
-        "converged": evaluation.relative_gap <= arguments.gap() && evaluation.conserves_demand,
+        "converged": evaluation.relative_gap <= gap && evaluation.conserves_demand,
         "conserves_demand": evaluation.conserves_demand,
         "largest_imbalance": evaluation.largest_imbalance,
         "worst_node": evaluation.worst_node,
-        "seconds": seconds,
-        "seconds_total": seconds_total,
     })
 }
 
@@ -320,7 +242,7 @@ fn print_problem(network: &Network, demand: &Demand) {
     say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
-fn print_solution(arguments: &AssignArguments, solution: &Solution, seconds: f64, seconds_total: f64) {
+fn print_solution(gap: f64, solution: &Solution, seconds: f64, seconds_total: f64) {
     say!("");
     say!("iteration   relative gap             objective    seconds");
     // All, or evenly spaced ones: always the first and the last.
@@ -348,9 +270,8 @@ fn print_solution(arguments: &AssignArguments, solution: &Solution, seconds: f64
     );
     say!("stopped by           {}", stop_name(solution.stopped));
     say!(
-        "relative gap         {:.4e} ({:e} was asked for)",
-        solution.relative_gap,
-        arguments.gap()
+        "relative gap         {:.4e} ({gap:e} was asked for)",
+        solution.relative_gap
     );
     say!("objective            {}", solution.objective);
     say!("total travel time    {}", solution.total_travel_time);

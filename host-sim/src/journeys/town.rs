@@ -119,14 +119,7 @@ impl Town {
         let stations = lattice(&places, planning.station_spacing_m);
         let lanes = |capacity: f64| (capacity / LANE_CAPACITY_VEH_PER_H).round().max(1.0) as u32;
         let map = road_map(&network, places, seconds, lanes)?;
-        let trips: Vec<assignment::Trip> = demand
-            .trips()
-            .map(|trip| assignment::Trip {
-                volume: planning.demand_factor * trip.volume,
-                ..trip
-            })
-            .collect();
-        let demand = Demand::new(demand.zones(), &trips)?;
+        let demand = demand.scaled(planning.demand_factor)?;
         Self::new(map, network, &demand, stations, metres)
     }
 
