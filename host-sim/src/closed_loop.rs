@@ -4,6 +4,9 @@
 //! Trips, incidents and tastes of a world are the same in every case; a case is an hour with one thing more in the way
 //! ([`Loss`]). What is lost to a thing is the mean trip time with it less that without, paired by world.
 
+#[cfg(feature = "program")]
+pub mod experiment;
+
 use crate::age::AgeSummary;
 use crate::journeys::delays::{Delays, Fixed};
 use crate::journeys::hour::{self, Case, Outcome, Sight};

@@ -1,55 +1,21 @@
 //! `host-sim loop`: what travellers lose to coverage, detection, radio, protocol and obedience, on the same hours.
 
 use crate::age::AgeSummary;
-use crate::closed_loop::{
-    CaseResult, LoopOptions, LoopSummary, Mean, PolicyResult, Progress, Roads, built_in, closed_loop,
-};
-use crate::command::options::{ScenarioArguments, choice, progress_bar, within};
-use crate::journeys::TrafficModel;
-use crate::journeys::sumo::{Programs, SumoTraffic};
-use crate::journeys::town::{Town, Units};
-use crate::policy::{KINDS, Kind, actor, age_threshold, assigned, central};
+use crate::closed_loop::experiment::{DEFAULT_WORLDS, LoopExperiment, LoopSource, Traffic, WORLDS};
+use crate::closed_loop::{CaseResult, LoopSummary, Mean, PolicyResult};
+use crate::command::options::{ScenarioArguments, check_table_is_used, choice, progress_bar, within};
+use crate::journeys::town::Town;
+use crate::policy::Kind;
 use crate::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
 use crate::report::pages;
 use crate::report::table::{Column, Table};
-use crate::scenario::Scenario;
 use crate::threads::thread_pool;
-use crate::weight_table::WeightTable;
 use assignment::CostWeights;
-use assignment::formats;
 use kit::choice::Choice as _;
-use kit::error::{Error, Result};
+use kit::error::Result;
 use kit::files::{NamedText, check_folder, write_set, written};
 use kit::say;
-use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-
-/// Hours unless said (chosen: under a minute on two cores).
-const WORLDS: u32 = 12;
-
-/// Policies unless said: the bound, the network, what a timetable does, and random access by age.
-const POLICIES: [&Kind; 4] = [
-    &central::KIND,
-    &actor::KIND,
-    &assigned::KIND,
-    &age_threshold::KIND,
-];
-
-/// Delays of knowledge unless said, in s.
-const DELAYS_S: [f64; 4] = [1.0, 10.0, 60.0, 300.0];
-
-/// Longest delay that can be asked for, in s.
-const MOST_DELAY_S: f64 = 86_400.0;
-
-kit::choices! {
-    /// Who moves the vehicles of a loop.
-    pub enum Traffic {
-        /// Queues with storage and spill-back; nothing to install
-        BuiltIn = "built-in",
-        /// SUMO, a process for each hour at a time
-        Sumo = "sumo",
-    }
-}
 
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
@@ -65,7 +31,7 @@ pub struct LoopArguments {
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
     /// Independent hours
-    #[arg(long, default_value_t = WORLDS, value_parser = within(1..=100_000))]
+    #[arg(long, default_value_t = DEFAULT_WORLDS, value_parser = within(WORLDS))]
     pub worlds: u32,
     /// Delay of knowledge to look at besides the policies', in seconds (repeatable) [default: 1, 10, 60, 300]
     #[arg(long, value_name = "SECONDS")]
@@ -109,73 +75,27 @@ pub struct LoopArguments {
     pub json: bool,
 }
 
-/// Everything the loop needs, read and checked.
-struct Prepared {
-    scenario: Scenario,
-    town: Town,
-    policies: Vec<&'static Kind>,
-    table: WeightTable,
-    delays_s: Vec<f64>,
-}
-
 impl LoopArguments {
-    fn prepare(&self) -> Result<Prepared> {
-        let policies: Vec<&'static Kind> = if self.policy.is_empty() {
-            POLICIES.to_vec()
-        } else {
-            KINDS
-                .iter()
-                .copied()
-                .filter(|kind| self.policy.contains(kind))
-                .collect()
-        };
-        super::options::check_table_is_used(self.table.as_deref(), &policies)?;
-        let scenario = self.scenario.source().read()?;
-        let planning = &scenario.planning;
-        if planning.warmup_s >= planning.horizon_s {
-            let expected = format!("less than planning.horizon_s, {}", planning.horizon_s);
-            return Err(Error::input("planning.warmup_s", planning.warmup_s, expected));
-        }
-        let delays_s = if self.delay.is_empty() {
-            DELAYS_S.to_vec()
-        } else {
-            self.delay.clone()
-        };
-        if let Some(delay) = delays_s
-            .iter()
-            .find(|delay| !(0.0..=MOST_DELAY_S).contains(*delay))
-        {
-            let expected = format!("0 to {MOST_DELAY_S} s");
-            return Err(Error::input("--delay", delay, expected));
-        }
-        let town = match &self.net {
-            None => Town::of_grid(&scenario)?,
-            Some(net) => self.town(net, &scenario)?,
-        };
-        Ok(Prepared {
-            town,
-            policies,
-            table: WeightTable::read_or_built_in(self.table.as_deref())?,
-            delays_s,
-            scenario,
-        })
-    }
-
-    fn town(&self, net: &Path, scenario: &Scenario) -> Result<Town> {
-        let weights = CostWeights {
-            toll: self.toll_weight,
-            distance: self.distance_weight,
-        };
-        let (network, demand) = formats::read(net, self.trips.as_deref(), weights)?;
-        let nodes = formats::read_places(net, self.nodes.as_deref(), &network)?;
-        let units = Units {
-            metres_per_coordinate: self.metres_per_unit,
-            seconds_per_time: match self.seconds_per_unit {
-                Some(seconds) => seconds,
-                None => formats::Format::of(net)?.seconds_per_unit(),
+    /// The loop that the options describe.
+    pub fn source(&self) -> LoopSource {
+        LoopSource {
+            scenario: self.scenario.source(),
+            policies: self.policy.clone(),
+            table: self.table.clone(),
+            worlds: self.worlds,
+            delays_s: (!self.delay.is_empty()).then(|| self.delay.clone()),
+            traffic: self.traffic,
+            net: self.net.clone(),
+            trips: self.trips.clone(),
+            nodes: self.nodes.clone(),
+            metres_per_unit: self.metres_per_unit,
+            seconds_per_unit: self.seconds_per_unit,
+            weights: CostWeights {
+                toll: self.toll_weight,
+                distance: self.distance_weight,
             },
-        };
-        Town::of_network(network, &demand, &nodes, units, &scenario.planning)
+            seed: self.seed,
+        }
     }
 }
 
@@ -189,51 +109,33 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
         check_folder(out)?;
     }
     let pool = thread_pool(arguments.threads)?;
-    let prepared = pool.install(|| arguments.prepare())?;
-    let table = prepared.table.parse()?;
-    let options = LoopOptions {
-        scenario: &prepared.scenario,
-        seed: arguments.seed,
-        worlds: arguments.worlds,
-        policies: &prepared.policies,
-        table: &table,
-        delays_s: &prepared.delays_s,
-    };
+    check_table_is_used(arguments.table.as_deref(), &arguments.policy)?;
+    let experiment = arguments.source().read()?;
+    let town = pool.install(|| experiment.town())?;
     let template = "closed loop {bar:40} {percent} %, {eta} left";
     let bar = progress_bar(1, template, arguments.json);
     let summary = pool.install(|| {
-        let progress = |progress: Progress| {
+        experiment.summary(&town, |progress| {
             bar.set_length(progress.total);
             bar.set_position(progress.done);
-        };
-        match arguments.traffic {
-            Traffic::BuiltIn => closed_loop(&prepared.town, &options, &built_in, progress),
-            Traffic::Sumo => {
-                let programs = Programs::find()?;
-                closed_loop(
-                    &prepared.town,
-                    &options,
-                    &|roads| sumo(&programs, roads),
-                    progress,
-                )
-            }
-        }
+        })
     })?;
     bar.finish_and_clear();
-    let object = to_json(arguments, &prepared, &summary);
+    let object = experiment.to_json(&town, &summary);
     if arguments.json {
         say!("{object}");
         return Ok(());
     }
-    let cases = cases_table(arguments, &prepared, &summary)?;
+    let description = description(&experiment, &town, &summary);
+    let cases = cases_table(&experiment, &town, &summary)?;
     let mut set = vec![("loop.csv".to_owned(), cases.to_csv())];
-    set.extend(figures(arguments, &prepared, &summary)?);
+    set.extend(figures(&description, &summary)?);
     set.push(("loop.json".to_owned(), format!("{object:#}\n")));
     let page = pages::closed_loop(
-        &prepared.scenario,
-        &prepared.policies,
-        &prepared.table,
-        &description(arguments, &prepared, &summary),
+        &experiment.scenario,
+        &experiment.policies,
+        &experiment.table,
+        &description,
         &cases,
         &set,
     )?;
@@ -241,12 +143,6 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     write_set(out, &set)?;
     say!("{cases}\n{}", written(out, "loop.html", &set));
     Ok(())
-}
-
-/// A SUMO of its own for an hour.
-fn sumo<'r>(programs: &Programs, roads: &Roads<'r>) -> Result<Box<dyn TrafficModel + 'r>> {
-    let traffic = SumoTraffic::start(programs, roads.map, roads.incidents.clone(), roads.seed)?;
-    Ok(Box::new(traffic))
 }
 
 /// A row of the table: a case, and what it costs beyond the one that it is compared with.
@@ -323,7 +219,7 @@ fn rows(summary: &LoopSummary) -> Vec<Row<'_>> {
 }
 
 /// The table, also as data.
-fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Result<Table> {
+fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) -> Result<Table> {
     let rows = rows(summary);
     let each = || rows.iter();
     let ages = |value: fn(&AgeSummary) -> f64| each().map(move |row| row.ages.map(value));
@@ -356,8 +252,8 @@ fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSum
             .shown("stuck", "", 4),
     ])?
     .titled("From slot to street");
-    table.note(&format!("{}.", description(arguments, prepared, summary)));
-    let planning = &prepared.scenario.planning;
+    table.note(&format!("{}.", description(experiment, town, summary)));
+    let planning = &experiment.scenario.planning;
     table.note(&format!(
         "Incidents of {} s on average, {} s apart on each block, take {:.0} % of its capacity; {:.0} % of vehicles report, {:.0} % \
          follow advice.",
@@ -367,10 +263,10 @@ fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSum
         100.0 * planning.connected_share,
         100.0 * planning.obeying_share,
     ));
-    if arguments.net.is_some() {
+    if experiment.has_network() {
         table.note(&format!(
             "{:.0} m for each unit of the network's coordinates; a base station every {} m.",
-            prepared.town.metres_per_coordinate(),
+            town.metres_per_coordinate(),
             planning.station_spacing_m
         ));
     }
@@ -382,118 +278,27 @@ fn cases_table(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSum
     Ok(table)
 }
 
-fn description(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> String {
-    let roads = prepared.town.map().roads().len();
-    let stations = match prepared.town.stations_m().len() {
+fn description(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) -> String {
+    let roads = town.map().roads().len();
+    let stations = match town.stations_m().len() {
         1 => "one base station".to_owned(),
         count => format!("{count} base stations"),
     };
-    let minutes = prepared.scenario.planning.horizon_s / 60.0;
+    let minutes = experiment.scenario.planning.horizon_s / 60.0;
     format!(
         "{roads} roads under {stations}, {:.0} vehicles on them, {:.0} connected in a cell (at most {}), {} worlds x {minutes} min, \
          {} traffic, seed {}",
         summary.vehicles,
         summary.connected_in_cell.0,
         summary.connected_in_cell.1,
-        arguments.worlds,
-        arguments.traffic.name(),
-        arguments.seed
+        experiment.worlds,
+        experiment.traffic.name(),
+        experiment.seed
     )
 }
 
-fn to_json(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Value {
-    let case = |result: &CaseResult| {
-        json!({
-            "mean_travel_time_s": result.trip_time_s.0,
-            "mean_travel_time_ci95_s": result.trip_time_s.1,
-            "road_age_s": result.road_age_s,
-            "mean_v_over_c": result.v_over_c,
-            "unfinished_share": result.unfinished,
-            "let_through_per_trip": result.let_through,
-        })
-    };
-    let with = |mut object: Value, more: Value| {
-        if let (Value::Object(object), Value::Object(more)) = (&mut object, more) {
-            object.extend(more);
-        }
-        object
-    };
-    let policies: Vec<Value> = summary
-        .policies
-        .iter()
-        .map(|policy| {
-            let loss = summary.loss(policy);
-            let ages = policy.ages.as_ref();
-            let regret = policy.result.beyond(&summary.full_knowledge);
-            with(
-                case(&policy.result),
-                json!({
-                    "policy": policy.policy.name,
-                    "mean_age_ms": ages.map(|ages| ages.mean_ms),
-                    "mean_age_ci95_ms": ages.and_then(|ages| ages.ci95_ms),
-                    "uncapped_mean_age_ms": ages.map(|ages| ages.uncapped_mean_ms),
-                    "p99_age_ms": ages.map(|ages| ages.p99_ms),
-                    "regret_s_per_trip": regret.0,
-                    "regret_ci95_s_per_trip": regret.1,
-                    "trip_loss_s": {
-                        "obedience": loss.obedience.0,
-                        "obedience_ci95": loss.obedience.1,
-                        "coverage": loss.coverage.0,
-                        "coverage_ci95": loss.coverage.1,
-                        "detection": loss.detection.0,
-                        "detection_ci95": loss.detection.1,
-                        "radio": loss.radio.0,
-                        "radio_ci95": loss.radio.1,
-                        "protocol": loss.protocol.0,
-                        "protocol_ci95": loss.protocol.1,
-                    },
-                }),
-            )
-        })
-        .collect();
-    let delayed: Vec<Value> = summary
-        .delayed
-        .iter()
-        .map(|(delay_s, result)| {
-            let loss = result.beyond(&summary.detected);
-            with(
-                case(result),
-                json!({"delay_s": delay_s, "trip_loss_s": loss.0, "trip_loss_ci95_s": loss.1}),
-            )
-        })
-        .collect();
-    let no_information = summary.no_information.beyond(&summary.detected);
-    json!({
-        "traffic": arguments.traffic.name(),
-        "seed": arguments.seed,
-        "worlds": arguments.worlds,
-        "roads": prepared.town.map().roads().len(),
-        "base_stations": prepared.town.stations_m().len(),
-        "metres_per_unit": prepared.town.metres_per_coordinate(),
-        "vehicles": summary.vehicles,
-        "connected_in_cell": summary.connected_in_cell.0,
-        "most_connected_in_cell": summary.connected_in_cell.1,
-        "cases": {
-            "all_obey": case(&summary.all_obey),
-            "full_knowledge": case(&summary.full_knowledge),
-            "covered": case(&summary.covered),
-            "detected": case(&summary.detected),
-            "no_information": with(
-                case(&summary.no_information),
-                json!({"trip_loss_s": no_information.0, "trip_loss_ci95_s": no_information.1}),
-            ),
-        },
-        "delayed": delayed,
-        "scenario": prepared.scenario,
-        "policies": policies,
-    })
-}
-
-fn figures(arguments: &LoopArguments, prepared: &Prepared, summary: &LoopSummary) -> Result<Vec<NamedText>> {
-    let note = format!(
-        "{}. Differences of the same hours; bars are 95 % intervals.",
-        description(arguments, prepared, summary)
-    );
+fn figures(description: &str, summary: &LoopSummary) -> Result<Vec<NamedText>> {
+    let note = format!("{description}. Differences of the same hours; bars are 95 % intervals.");
     let point = |x: f64, (y, half): Mean| Point {
         x,
         y,
