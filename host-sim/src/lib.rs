@@ -65,6 +65,8 @@ pub mod report;
 pub mod revision;
 pub mod scenario;
 pub mod senses;
+#[cfg(feature = "program")]
+pub mod shard;
 pub mod simulation;
 pub mod stream;
 #[cfg(feature = "program")]
@@ -80,6 +82,8 @@ pub use kit::error::{Error, Result};
 pub use mobility::MobilitySource;
 pub use policy::{Decider, KINDS, Kind, Policy, Scheduler};
 pub use scenario::{Preset, Scenario, ScenarioSource};
+#[cfg(feature = "program")]
+pub use shard::Shard;
 pub use simulation::{Extent, Simulation};
 pub use threads::thread_pool;
 pub use weight_table::WeightTable;

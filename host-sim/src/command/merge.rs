@@ -25,7 +25,7 @@ pub struct MergeArguments {
     /// Merge what is there although points are missing
     #[arg(long)]
     pub allow_missing: bool,
-    /// Draw mean age, at most 100 ms and uncapped, against this key of the grid too, such as vehicles
+    /// Draw mean ages (run), trip losses (loop) or travel times (assign) against this key of the grid too, such as vehicles
     #[arg(long, value_name = "KEY")]
     pub figure: Option<String>,
     /// Print one JSON object and nothing else on standard output
@@ -79,7 +79,7 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
         ("merged.csv".to_owned(), table.to_csv().into_bytes()),
     ];
     if let Some(key) = &arguments.figure {
-        let files = figure::mean_age(&grid, &merged, key)?;
+        let files = figure::files(&grid, &merged, key)?;
         set.extend(files.into_iter().map(|(name, text)| (name, text.into_bytes())));
     }
     files::write_set(&arguments.out, &set)?;

@@ -1,7 +1,8 @@
 //! `host-sim sweep`: a grid of scenarios, policies and seeds, whole or one shard of it.
 
 use crate::command::options::progress_bar;
-use crate::sweep::{Grid, Outcome, Point, Shard, Store};
+use crate::shard::Shard;
+use crate::sweep::{Grid, Outcome, Point, Store};
 use crate::threads::thread_pool;
 use kit::error::{Error, Result};
 use kit::say;
@@ -16,7 +17,7 @@ const PLAN_POINTS: usize = 16;
 /// Which grid.
 #[derive(Clone, Debug, clap::Args)]
 pub struct GridArguments {
-    /// TOML file: a scenario in which any value may be a list, and options of `run` beside it
+    /// TOML file: options of `run`, `loop` or `assign`, and a scenario, in which any value may be a list
     #[arg(long, value_name = "FILE")]
     pub grid: PathBuf,
     /// Seeds instead of the grid's, such as 1,2,10-19; `merge` takes the same
@@ -71,9 +72,9 @@ pub fn run(arguments: &SweepArguments) -> Result<()> {
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
     let mut waiting = Vec::new();
     let mut done = 0;
-    for index in shard.points(grid.points()) {
+    for index in shard.of(grid.points()) {
         let point = grid.point(index);
-        drop(grid.experiment(&point)?);
+        drop(grid.task(&point)?);
         match store.outcome(index)? {
             Some(_) => done += 1,
             None => waiting.push(point),
@@ -130,8 +131,8 @@ fn compute(grid: &Grid, store: &Store, points: &[&Point], hide_progress: bool) -
     let template = "{bar:40} {pos}/{len} points, {elapsed} so far, {eta} left";
     let progress = progress_bar(points.len() as u64, template, hide_progress);
     points.par_iter().with_max_len(1).try_for_each(|point| {
-        let outcome = Outcome::compute(&grid.experiment(point)?)?;
-        store.keep(point.index, outcome)?;
+        let object = grid.task(point)?()?;
+        store.keep(point.index, Outcome::of(grid.command(), &object)?)?;
         progress.inc(1);
         Ok::<(), Error>(())
     })?;

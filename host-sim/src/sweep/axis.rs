@@ -1,6 +1,5 @@
 //! One key of a grid with its values.
 
-use crate::scenario::ScenarioSource;
 use kit::error::{Error, Result};
 use toml::{Table, Value};
 
@@ -18,24 +17,19 @@ pub enum Kind {
     Flag,
     /// Names.
     Text,
-    /// Files, relative to the grid's folder.
-    File,
+    /// Files, relative to the grid's folder; perhaps with a word for none.
+    File(Option<&'static str>),
+    /// What moves vehicles: [`GRID`], or a trace or SUMO configuration relative to the grid's folder.
+    Mobility,
+    /// Road networks, files or folders relative to the grid's folder, with a word for none.
+    Network(&'static str),
 }
 
-/// Keys of a grid before the scenario's own: options of `host-sim run`.
-const BEFORE: [(&str, Kind); 2] = [("preset", Kind::Text), ("scenario", Kind::File)];
+/// Written for the table that is built into the firmware, in a list of tables.
+pub const BUILT_IN_TABLE: &str = "built-in";
 
-/// Keys after them. The last changes fastest from point to point.
-const AFTER: [(&str, Kind); 8] = [
-    ("mobility", Kind::File),
-    ("table", Kind::File),
-    ("worlds", Kind::Integer),
-    ("slots", Kind::Integer),
-    ("warmup", Kind::Integer),
-    (VEHICLES, Kind::Integer),
-    (POLICY, Kind::Text),
-    (SEED, Kind::Integer),
-];
+/// Written for the urban grid, in a list of networks or traces.
+pub const GRID: &str = "grid";
 
 /// The key of the number of vehicles, which is the scenario's `cell.vehicles` by a shorter name.
 pub const VEHICLES: &str = "vehicles";
@@ -55,30 +49,6 @@ pub struct Axis {
     pub kind: Kind,
     /// At least one, all of one type: [`Value::Integer`], [`Value::Float`], [`Value::Boolean`] or [`Value::String`].
     pub values: Vec<Value>,
-}
-
-/// All keys that a grid may have, in the order in which points count them.
-pub fn known() -> Result<Vec<(String, Kind)>> {
-    let scenario = Table::try_from(ScenarioSource::default().read()?)
-        .map_err(|error| Error::input("preset", error, "a table of numbers"))?;
-    let owned = |(key, kind): (&str, Kind)| (key.to_owned(), kind);
-    let mut keys: Vec<_> = BEFORE.map(owned).into();
-    for (section, table) in &scenario {
-        for (name, value) in table.as_table().into_iter().flatten() {
-            let key = format!("{section}.{name}");
-            if key != "cell.vehicles" {
-                let kind = match value {
-                    Value::Float(_) => Kind::Number,
-                    Value::Boolean(_) => Kind::Flag,
-                    Value::String(_) => Kind::Text,
-                    _ => Kind::Integer,
-                };
-                keys.push((key, kind));
-            }
-        }
-    }
-    keys.extend(AFTER.map(owned));
-    Ok(keys)
 }
 
 impl Axis {
@@ -101,13 +71,16 @@ impl Axis {
                 Kind::Integer => "whole numbers from 0",
                 Kind::Number => "numbers",
                 Kind::Flag => "true or false",
-                Kind::Text | Kind::File => "text",
+                Kind::Text | Kind::File(_) | Kind::Mobility | Kind::Network(_) => "text",
             };
             let value = match (kind, value) {
                 (Kind::Number, Value::Integer(value)) => Value::Float(value as f64),
                 (Kind::Number, value @ Value::Float(_))
                 | (Kind::Flag, value @ Value::Boolean(_))
-                | (Kind::Text | Kind::File, value @ Value::String(_)) => value,
+                | (
+                    Kind::Text | Kind::File(_) | Kind::Mobility | Kind::Network(_),
+                    value @ Value::String(_),
+                ) => value,
                 (Kind::Integer, Value::Integer(value)) if value >= 0 => Value::Integer(value),
                 (_, value) => return Err(Error::input(place, value, expected)),
             };

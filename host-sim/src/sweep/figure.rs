@@ -1,7 +1,7 @@
-//! Mean age against one axis of a grid, the paper's that saturates at 100 ms and the one that does not: a line for each
-//! combination of the other axes, pooled over seeds.
+//! What a grid's command measures against one axis: a line for each combination of the other axes, pooled over seeds.
 
 use super::axis::{Kind, SEED, text};
+use super::commands::Measure;
 use super::merged::Merged;
 use super::{Grid, Outcome};
 use crate::report::chart::{Axis, LineChart, Point as Mark, Series};
@@ -17,33 +17,6 @@ const MOST_LINES: usize = 20;
 /// The name of the only line.
 const ALL: &str = "all";
 
-/// A mean age of outcomes.
-struct Measure {
-    /// What titles call it.
-    title: &'static str,
-    /// What files and columns call it.
-    file: &'static str,
-    mean_ms: fn(&Outcome) -> f64,
-    /// Half the width of its 95 % interval.
-    ci95_ms: fn(&Outcome) -> Option<f64>,
-}
-
-/// The paper's first.
-const MEASURES: [Measure; 2] = [
-    Measure {
-        title: "Mean age of information",
-        file: "mean_age",
-        mean_ms: |outcome| outcome.mean_age_ms,
-        ci95_ms: |outcome| outcome.mean_age_ci95_ms,
-    },
-    Measure {
-        title: "Uncapped mean age of information",
-        file: "uncapped_mean_age",
-        mean_ms: |outcome| outcome.uncapped_mean_age_ms,
-        ci95_ms: |outcome| outcome.uncapped_mean_age_ci95_ms,
-    },
-];
-
 /// Outcomes of several seeds at one place of a line.
 struct Pool<'m> {
     series: usize,
@@ -52,37 +25,35 @@ struct Pool<'m> {
 }
 
 impl Pool<'_> {
-    /// The mean over seeds; all have the same number of worlds.
-    fn mean_ms(&self, measure: &Measure) -> f64 {
-        let sum: f64 = self
-            .outcomes
-            .iter()
-            .map(|outcome| (measure.mean_ms)(outcome))
-            .sum();
-        sum / self.outcomes.len() as f64
+    /// The mean over seeds, all of which have the same number of worlds; `None` if one has no such number.
+    fn mean(&self, measure: &Measure) -> Option<f64> {
+        let mut sum = 0.0;
+        for outcome in &self.outcomes {
+            sum += outcome.number(measure.mean)?;
+        }
+        Some(sum / self.outcomes.len() as f64)
     }
 
     /// Half the width of the mean's 95 % interval: seeds are independent, so the squares of their intervals add up. Each
     /// has the wider quantile of its own worlds, which errs on the wide side.
-    fn ci95_ms(&self, measure: &Measure) -> Option<f64> {
+    fn ci95(&self, measure: &Measure) -> Option<f64> {
+        let column = measure.ci95?;
         let mut squares = 0.0;
         for outcome in &self.outcomes {
-            let half = (measure.ci95_ms)(outcome)?;
+            let half = outcome.number(column)?;
             squares += half * half;
         }
         Some(libm::sqrt(squares) / self.outcomes.len() as f64)
     }
 
-    fn mark(&self, measure: &Measure) -> Mark {
-        let mean = self.mean_ms(measure);
-        Mark {
+    fn mark(&self, measure: &Measure) -> Option<Mark> {
+        let mean = self.mean(measure)?;
+        let ends = |half: f64| ((mean - half).max(measure.least), mean + half);
+        Some(Mark {
             x: self.x,
             y: mean,
-            // No age is below 1 ms, wherever the interval of a few worlds ends.
-            band: self
-                .ci95_ms(measure)
-                .map(|half| ((mean - half).max(1.0), mean + half)),
-        }
+            band: self.ci95(measure).map(ends),
+        })
     }
 }
 
@@ -90,7 +61,7 @@ impl Pool<'_> {
 ///
 /// # Errors
 /// If the grid has no such axis of numbers, or nothing can be drawn.
-pub fn mean_age(grid: &Grid, merged: &Merged, key: &str) -> Result<Vec<NamedText>> {
+pub fn files(grid: &Grid, merged: &Merged, key: &str) -> Result<Vec<NamedText>> {
     let numeric = |index: &usize| matches!(grid.axes()[*index].kind, Kind::Integer | Kind::Number);
     let find = |key: &str| grid.axes().iter().position(|axis| axis.key == key);
     let axis = find(key).filter(numeric).ok_or_else(|| {
@@ -144,62 +115,81 @@ pub fn mean_age(grid: &Grid, merged: &Merged, key: &str) -> Result<Vec<NamedText
         })
         .collect();
     pools.sort_by(|a, b| a.series.cmp(&b.series).then(a.x.total_cmp(&b.x)));
-    let series = |measure: &Measure| {
+    let series = |measure: &Measure| -> Vec<Series> {
         let lines = pools.chunk_by(|a, b| a.series == b.series).map(|pools| Series {
             name: names[pools[0].series].clone(),
-            points: pools.iter().map(|pool| pool.mark(measure)).collect(),
+            points: pools.iter().filter_map(|pool| pool.mark(measure)).collect(),
         });
-        lines.collect()
+        lines.filter(|line| !line.points.is_empty()).collect()
     };
     let mut files = Vec::new();
     let mut columns = vec![
         Column::text("series", pools.iter().map(|pool| names[pool.series].clone())),
         Column::number(key, pools.iter().map(|pool| pool.x)),
     ];
-    for measure in &MEASURES {
-        let Measure { title, file, .. } = measure;
+    // A measure that no point has, such as the loss to a delay without one, is not drawn.
+    let measures = grid.command().measures.iter();
+    let measured: Vec<(&Measure, Vec<Series>)> = measures
+        .map(|measure| (measure, series(measure)))
+        .filter(|(_, series)| !series.is_empty())
+        .collect();
+    let Some((first, _)) = measured.first() else {
+        return Err(Error::input("--figure", "nothing to draw", "at least one point"));
+    };
+    for (measure, series) in &measured {
         let chart = LineChart {
-            title: format!("{title} against {key}"),
+            title: format!("{} against {key}", measure.title),
             note: note(grid, merged),
             horizontal: Axis::linear(key),
-            vertical: Axis::logarithmic("mean age (ms)"),
-            series: series(measure),
+            vertical: Axis {
+                label: measure.axis.to_owned(),
+                scale: measure.scale,
+            },
+            series: series.clone(),
             references: Vec::new(),
         };
-        files.push((format!("{file}_by_{key}.svg"), chart.to_svg()?));
-        let means = pools.iter().map(|pool| pool.mean_ms(measure));
-        columns.push(Column::number(&format!("{file}_ms"), means));
-        let halves = pools.iter().map(|pool| pool.ci95_ms(measure));
-        columns.push(Column::number(&format!("{file}_ci95_ms"), halves));
+        files.push((format!("{}_by_{key}.svg", measure.file), chart.to_svg()?));
+        let means = pools.iter().map(|pool| pool.mean(measure));
+        columns.push(Column::number(measure.mean, means));
+        if let Some(ci95) = measure.ci95 {
+            columns.push(Column::number(ci95, pools.iter().map(|pool| pool.ci95(measure))));
+        }
     }
     columns.push(Column::unsigned(
         "runs",
         pools.iter().map(|pool| pool.outcomes.len() as u64),
     ));
-    files.push((format!("mean_age_by_{key}.csv"), Table::new(columns)?.to_csv()));
+    files.push((
+        format!("{}_by_{key}.csv", first.file),
+        Table::new(columns)?.to_csv(),
+    ));
     Ok(files)
 }
 
-/// How much was simulated, and with what seeds.
+/// How much was computed, and with what seeds.
 fn note(grid: &Grid, merged: &Merged) -> String {
-    let range = |value: fn(&Outcome) -> u64| {
-        let values = || merged.present.iter().map(|(_, outcome)| value(outcome));
-        match (values().min(), values().max()) {
+    let command = grid.command();
+    let mut note = command.extent.to_owned();
+    for column in command.counts {
+        let counts = || {
+            merged
+                .present
+                .iter()
+                .filter_map(|(_, outcome)| outcome.count(column.name))
+        };
+        let range = match (counts().min(), counts().max()) {
             (Some(least), Some(most)) if least < most => format!("{least} to {most}"),
             (Some(least), _) => least.to_string(),
             _ => "no".to_owned(),
-        }
-    };
-    let seeds = grid.axes().iter().find(|axis| axis.key == SEED);
-    let seeds: Vec<Value> = seeds.map_or(Vec::new(), |axis| axis.values.clone());
-    let seeds = match seeds.as_slice() {
-        [one] => format!("seed {}", text(one)),
-        many => format!("each of {} seeds", many.len()),
-    };
-    format!(
-        "{} worlds x {} slots after {}, {seeds}. Bands: 95 %, over worlds.",
-        range(|outcome| outcome.worlds),
-        range(|outcome| outcome.slots),
-        range(|outcome| outcome.warmup),
-    )
+        };
+        note = note.replace(&format!("{{{}}}", column.name), &range);
+    }
+    if let Some(seeds) = grid.axes().iter().find(|axis| axis.key == SEED) {
+        note += &match seeds.values.as_slice() {
+            [one] => format!(", seed {}", text(one)),
+            many => format!(", each of {} seeds", many.len()),
+        };
+        note += ". Bands: 95 %, over worlds";
+    }
+    note + "."
 }

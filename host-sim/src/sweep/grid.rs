@@ -1,11 +1,12 @@
-//! A grid file: a scenario in which any value may be a list, and options of `host-sim run` beside it.
+//! A grid file: options of a command, and a scenario where it takes one, in which any value may be a list.
 
-use super::axis::{self, Axis, Kind, MOST_POINTS, POLICY, SEED, VEHICLES, text};
+use super::Settings;
+use super::axis::{Axis, GRID, Kind, MOST_POINTS, POLICY, SEED, VEHICLES, text};
+use super::commands::{COMMANDS, Command, Task};
 use super::store::checksum;
-use crate::experiment::{Experiment, ExperimentSource};
 use crate::mobility::live;
-use crate::policy::{self, KINDS};
 use crate::scenario::Preset;
+use assignment::formats;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::keys::nearest;
@@ -14,13 +15,17 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Written for the table that is built into the firmware, in a list of tables.
-const BUILT_IN: &str = "built-in";
+/// The key that says which command points are.
+const COMMAND: &str = "command";
+
+/// The key of the axes that move together.
+const ZIP: &str = "zip";
 
 /// All combinations of the values of its axes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Grid {
     path: PathBuf,
+    command: &'static Command,
     axes: Vec<Axis>,
     /// Axes, by index, that move together; the last group changes fastest from point to point.
     groups: Vec<Vec<usize>>,
@@ -53,11 +58,20 @@ impl Grid {
         let file = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
         let place = path.display();
         let mut found = parse(&place.to_string(), &file)?;
-        let zip = found.remove("zip");
-        let known = axis::known()?;
+        let command = command(&place.to_string(), found.remove(COMMAND))?;
+        let zip = found.remove(ZIP);
+        let known = command.known_keys()?;
         let mut values = Table::new();
         flatten(&known, "", found, &mut values);
         if let Some(seeds) = seeds {
+            if !command.takes_seeds() {
+                let expected = format!("none: `{}` draws nothing at random", command.name);
+                return Err(Error::input(
+                    "--seeds",
+                    format!("{} seeds", seeds.len()),
+                    expected,
+                ));
+            }
             let list = seeds.iter().map(|&seed| Value::Integer(seed.cast_signed()));
             let _replaced = values.insert(SEED.to_owned(), Value::Array(list.collect()));
         }
@@ -71,7 +85,7 @@ impl Grid {
                 "one of them",
             ));
         }
-        for (key, default) in [(POLICY, every_policy()), (SEED, Value::Integer(1))] {
+        for (key, default) in defaults(command) {
             if !values.contains_key(key) {
                 let _none = values.insert(key.to_owned(), default);
             }
@@ -80,10 +94,9 @@ impl Grid {
             .keys()
             .find(|key| known.iter().all(|(name, _)| name != *key))
         {
-            let expected = format!(
-                "a key of run or of the scenario, such as {}",
-                nearest(key, known.iter().map(|(name, _)| name.as_str()))
-            );
+            let names = known.iter().map(|(name, _)| name.as_str());
+            let nearest = nearest(key, names.chain([COMMAND, ZIP]));
+            let expected = format!("a key of {}, such as {nearest}", command.whose_keys());
             return Err(Error::input(
                 format!("{place}: key {key}"),
                 "an unknown key",
@@ -111,6 +124,7 @@ impl Grid {
         };
         Ok(Self {
             path: path.to_owned(),
+            command,
             axes,
             groups,
             points,
@@ -120,6 +134,11 @@ impl Grid {
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What its points are.
+    pub const fn command(&self) -> &'static Command {
+        self.command
     }
 
     /// How many points.
@@ -158,55 +177,25 @@ impl Grid {
         &self.axes[axis].values[point.values[axis]]
     }
 
-    /// Reads and checks a point's experiment.
+    /// Reads and checks a point.
     ///
     /// # Errors
     /// What does not fit, and the point.
-    pub fn experiment(&self, point: &Point) -> Result<Experiment> {
-        let experiment = self.source(point).and_then(|source| source.read());
-        experiment.map_err(|error| error.within(self.place(point)))
+    pub fn task(&self, point: &Point) -> Result<Task> {
+        let task = (self.command.prepare)(&Settings::new(self, point));
+        task.map_err(|error| error.within(self.place(point)))
     }
 
-    /// Where a point's experiment comes from.
-    fn source(&self, point: &Point) -> Result<ExperimentSource> {
-        let mut source = ExperimentSource::default();
-        for (index, axis) in self.axes.iter().enumerate() {
-            let (key, value) = (axis.key.as_str(), self.value(point, index));
-            let name = text(value);
-            let file = || self.file(key, &name);
-            let whole = || {
-                let number = value.as_integer().and_then(|number| u32::try_from(number).ok());
-                number.ok_or_else(|| Error::input(key, value, format!("0 to {}", u32::MAX)))
-            };
-            match key {
-                "preset" => source.scenario.preset = Preset::of_name(key, &name)?,
-                "scenario" => source.scenario.file = file(),
-                "mobility" => {
-                    let name_of = |path: PathBuf| live::name_of(&name, &path);
-                    source.mobility = file().map_or(name.clone(), name_of);
-                }
-                "table" => source.table = file(),
-                "worlds" => source.worlds = Some(whole()?),
-                "slots" => source.slots = Some(whole()?),
-                "warmup" => source.warmup = whole()?,
-                VEHICLES => source.vehicles = Some(whole()?),
-                POLICY => source.policies = vec![<&'static policy::Kind>::of_name(key, &name)?],
-                SEED => source.seed = value.as_integer().unwrap_or_default().cast_unsigned(),
-                _ => source.scenario.set(key, value.clone()),
-            }
-        }
-        Ok(source)
-    }
-
-    /// The file that a value names, if it names one.
-    fn file(&self, key: &str, value: &str) -> Option<PathBuf> {
-        let (none, value) = match key {
-            "mobility" => (value == "grid", live::file_of(value)),
-            "table" => (value == BUILT_IN, value),
-            _ => (false, value),
+    /// The file or network that a value of a kind names, if it names one.
+    pub fn file(&self, kind: Kind, value: &str) -> Option<PathBuf> {
+        let (none, file) = match kind {
+            Kind::File(none) => (none, value),
+            Kind::Network(none) => (Some(none), value),
+            Kind::Mobility => (Some(GRID), live::file_of(value)),
+            Kind::Integer | Kind::Number | Kind::Flag | Kind::Text => return None,
         };
         let folder = self.path.parent().unwrap_or(Path::new(""));
-        (!none).then(|| folder.join(value))
+        (none != Some(value)).then(|| folder.join(file))
     }
 
     /// The point for people: file, number and what changes from point to point.
@@ -227,23 +216,30 @@ impl Grid {
         )
     }
 
-    /// What the results depend on, as hexadecimal digits: every value, the presets, the contents of all files, the built-in
-    /// table, and the program's version. Not the order of lines in the grid's file.
+    /// What the results depend on, as hexadecimal digits: the command, every value, the presets, the contents of all files,
+    /// the built-in table, and the program's version. Not the order of lines in the grid's file.
     ///
     /// # Errors
     /// If a file cannot be read.
     pub fn fingerprint(&self) -> Result<String> {
         let mut inputs = Vec::new();
-        for axis in self.axes.iter().filter(|axis| axis.kind == Kind::File) {
+        for axis in &self.axes {
             for value in &axis.values {
-                if let Some(path) = self.file(&axis.key, &text(value)) {
+                let Some(path) = self.file(axis.kind, &text(value)) else {
+                    continue;
+                };
+                let files = match axis.kind {
+                    Kind::Network(_) => formats::files(&path)?,
+                    _ => vec![path],
+                };
+                for path in files {
                     let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
                     inputs.push(checksum(&bytes));
                 }
             }
         }
         let axes: Vec<_> = self.axes.iter().map(|axis| (&axis.key, &axis.values)).collect();
-        let text = json!({
+        let mut object = json!({
             "version": env!("CARGO_PKG_VERSION"),
             "results": super::outcome::VERSION,
             "presets": Preset::ALL.iter().map(|preset| checksum(preset.values().to_string().as_bytes())).collect::<Vec<_>>(),
@@ -252,13 +248,38 @@ impl Grid {
             "axes": axes,
             "zip": self.groups,
         });
-        Ok(checksum(text.to_string().as_bytes()))
+        // A grid that names none has the fingerprint that it had before there were others.
+        if self.command.name != COMMANDS[0].name {
+            object[COMMAND] = json!(self.command.name);
+        }
+        Ok(checksum(object.to_string().as_bytes()))
     }
 }
 
-fn every_policy() -> Value {
-    let names = KINDS.iter().map(|kind| Value::String(kind.name.to_owned()));
-    Value::Array(names.collect())
+/// The command that a grid names.
+fn command(place: &str, found: Option<Value>) -> Result<&'static Command> {
+    let key = format!("{place}: key {COMMAND}");
+    match found {
+        None => Ok(COMMANDS[0]),
+        Some(Value::String(name)) => <&'static Command>::of_name(&key, &name),
+        Some(other) => Err(Error::input(key, other, "the name of one command")),
+    }
+}
+
+/// Values of keys that a grid of a command need not have.
+fn defaults(command: &Command) -> Vec<(&'static str, Value)> {
+    let mut defaults = Vec::new();
+    if !command.policies.is_empty() {
+        let names = command
+            .policies
+            .iter()
+            .map(|kind| Value::String(kind.name.to_owned()));
+        defaults.push((POLICY, Value::Array(names.collect())));
+    }
+    if command.takes_seeds() {
+        defaults.push((SEED, Value::Integer(1)));
+    }
+    defaults
 }
 
 /// Takes sections apart: `[radio] max_power_dbm = 23` becomes the key `radio.max_power_dbm`.

@@ -4,7 +4,6 @@ use super::axis::{Kind, POLICY, SEED, text};
 use super::{Grid, Outcome, Point, Store};
 use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
-use serde_json::json;
 use toml::Value;
 
 /// What lies in the folders of a grid.
@@ -49,7 +48,7 @@ impl Merged {
         Ok(merged)
     }
 
-    /// One row a point that is present: its index, the grid's settings, policy and seed, how much was simulated, what came
+    /// One row a point that is present: its index, the grid's settings, policy and seed, how much was computed, what came
     /// out.
     ///
     /// # Errors
@@ -60,6 +59,8 @@ impl Merged {
             "point",
             present().map(|(point, _)| point.index as u64),
         )];
+        let command = grid.command();
+        let counted = |key: &str| command.counts.iter().any(|column| column.name == key);
         let mut last = Vec::new();
         for (index, axis) in grid.axes().iter().enumerate() {
             let values = present().map(|(point, _)| grid.value(point, index));
@@ -69,27 +70,25 @@ impl Merged {
                     values.map(|value| value.as_integer().map(i64::cast_unsigned)),
                 ),
                 Kind::Number => Column::number(&axis.key, values.map(Value::as_float)),
-                Kind::Flag | Kind::Text | Kind::File => Column::text(&axis.key, values.map(text)),
+                Kind::Flag | Kind::Text | Kind::File(_) | Kind::Mobility | Kind::Network(_) => {
+                    Column::text(&axis.key, values.map(text))
+                }
             };
             if axis.key == POLICY || axis.key == SEED {
                 last.push(column);
-            } else if !Outcome::EXTENT.contains(&axis.key.as_str()) {
+            } else if !counted(&axis.key) {
                 columns.push(column);
             }
         }
         columns.extend(last);
-        let outcomes: Vec<_> = present().map(|(_, outcome)| json!(outcome)).collect();
-        for name in Outcome::EXTENT {
-            columns.push(Column::unsigned(
-                name,
-                outcomes.iter().map(|all| all[name].as_u64()),
-            ));
+        let outcomes = || present().map(|(_, outcome)| outcome);
+        for column in command.counts {
+            let counts = outcomes().map(|outcome| outcome.count(column.name));
+            columns.push(Column::unsigned(column.name, counts));
         }
-        for name in Outcome::NUMBERS {
-            columns.push(Column::number(
-                name,
-                outcomes.iter().map(|all| all[name].as_f64()),
-            ));
+        for column in command.numbers {
+            let numbers = outcomes().map(|outcome| outcome.number(column.name));
+            columns.push(Column::number(column.name, numbers));
         }
         Table::new(columns)
     }

@@ -1,82 +1,19 @@
 //! Parameter sweeps: a [`Grid`] of points, computed in shards, kept in a [`Store`], merged into one table.
 //!
-//! A point is one `host-sim run` of one policy. It is stored in a file of its own, which appears whole or not at all, so
+//! A point is one run of one of the [`commands`]. It is stored in a file of its own, which appears whole or not at all, so
 //! a sweep may be split into any number of shards, killed and repeated: what is there is skipped, and [`merged`] bytes
 //! depend on the grid alone.
 
 pub mod axis;
+pub mod commands;
 pub mod figure;
 pub mod grid;
 pub mod merged;
 pub mod outcome;
+pub mod settings;
 pub mod store;
 
 pub use grid::{Grid, Point};
 pub use outcome::Outcome;
+pub use settings::Settings;
 pub use store::Store;
-
-use std::str::FromStr;
-
-/// One of several parts of a sweep: every `count`-th point from `index` on. Neighbours, which cost alike, go to different
-/// shards.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    /// From 0.
-    pub index: u32,
-    /// How many there are.
-    pub count: u32,
-}
-
-impl Shard {
-    /// The only shard of a sweep that is not split.
-    pub const WHOLE: Self = Self { index: 0, count: 1 };
-
-    /// Its points, of a grid of `points`.
-    pub fn points(self, points: usize) -> impl Iterator<Item = usize> {
-        (self.index as usize..points).step_by(self.count as usize)
-    }
-}
-
-impl FromStr for Shard {
-    type Err = String;
-
-    /// Reads `i/N` with `i` from 0 to N - 1.
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (index, count) = text
-            .split_once('/')
-            .and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)))
-            .ok_or("expected i/N, such as 0/8")?;
-        match count {
-            0 => Err("expected at least one shard".to_owned()),
-            count if index < count => Ok(Self { index, count }),
-            count => Err(format!("found index {index}, expected 0 to {}", count - 1)),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shards_share_all_points_and_no_point_twice() {
-        for count in [1, 3, 7, 50] {
-            let mut points: Vec<usize> = (0..count)
-                .flat_map(|index| Shard { index, count }.points(20))
-                .collect();
-            points.sort_unstable();
-            assert!(points.into_iter().eq(0..20), "{count}");
-        }
-    }
-
-    #[test]
-    fn a_shard_s_text_is_checked() {
-        assert_eq!("6/7".parse(), Ok(Shard { index: 6, count: 7 }));
-        let message = |text: &str| text.parse::<Shard>().unwrap_err();
-        assert_eq!(message("7/7"), "found index 7, expected 0 to 6");
-        assert_eq!(message("0/0"), "expected at least one shard");
-        for text in ["3", "a/b", "-1/4", "1/", "1/2/3"] {
-            assert_eq!(message(text), "expected i/N, such as 0/8");
-        }
-    }
-}

@@ -5,6 +5,7 @@
 //! points/012/012345.json           one line of JSON, one line "crc64 <of that line>"
 //! ```
 
+use super::commands::Command;
 use super::{Grid, Outcome};
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
@@ -42,6 +43,7 @@ struct Record {
 #[derive(Clone, Debug)]
 pub struct Store {
     folder: PathBuf,
+    command: &'static Command,
     fingerprint: String,
     points: usize,
 }
@@ -54,6 +56,7 @@ impl Store {
     pub fn new(folder: &Path, grid: &Grid) -> Result<Self> {
         let store = Self {
             folder: folder.to_owned(),
+            command: grid.command(),
             fingerprint: grid.fingerprint()?,
             points: grid.points(),
         };
@@ -122,6 +125,12 @@ impl Store {
         let record: Record = serde_json::from_str(body).map_err(|error| damaged(error.to_string()))?;
         if (record.grid.as_str(), record.point) != (self.fingerprint.as_str(), point) {
             return Err(damaged(format!("point {} of grid {}", record.point, record.grid)));
+        }
+        if !record.outcome.fits(self.command) {
+            return Err(damaged(format!(
+                "other numbers than those of {}",
+                self.command.name
+            )));
         }
         Ok(Some(record.outcome))
     }
