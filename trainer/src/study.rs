@@ -11,8 +11,8 @@ use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::mobility::Grid;
 use host_sim::simulation::{Extent, Simulation};
-use host_sim::thread_pool;
 use host_sim::weight_table::WeightTable;
+use host_sim::{Shard, thread_pool};
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
 use serde::{Deserialize, Serialize};
@@ -92,9 +92,11 @@ pub struct StudyRun {
     pub forms: Vec<FormResult>,
 }
 
-/// How a study is carried out; none of it changes a result.
+/// How a study is carried out; none of it changes a run's result.
 #[derive(Clone, Copy, Debug)]
 pub struct StudyConduct {
+    /// Which of its runs.
+    pub shard: Shard,
     /// Runs at once.
     pub parallel: usize,
     /// Threads of each.
@@ -163,16 +165,22 @@ impl Plan {
         .read()
     }
 
-    /// Trains and evaluates every run under a folder; the results come in the order of cases, then seeds.
+    /// The case, by its index, and the seed of every run, in the order of the tables: shards count them in it.
+    fn runs(&self) -> Vec<(usize, u64)> {
+        (0..self.case.len())
+            .flat_map(|case| self.seeds.iter().map(move |&seed| (case, seed)))
+            .collect()
+    }
+
+    /// Trains and evaluates the runs of a shard under a folder; the results come in the order of cases, then seeds.
     ///
     /// # Errors
     /// The first run that fails.
     pub fn carry_out(&self, out: &Path, conduct: &StudyConduct) -> Result<Vec<StudyRun>> {
         check_folder(out)?;
         RunFolder::new(out).check_no_run()?;
-        let runs: Vec<(usize, u64)> = (0..self.case.len())
-            .flat_map(|case| self.seeds.iter().map(move |&seed| (case, seed)))
-            .collect();
+        let all = self.runs();
+        let runs: Vec<(usize, u64)> = conduct.shard.of(all.len()).map(|run| all[run]).collect();
         let next = AtomicUsize::new(0);
         let results = Mutex::new(Vec::new());
         let work = || -> Result<()> {
@@ -202,36 +210,74 @@ impl Plan {
         Ok(results)
     }
 
+    /// Case, by its index, and seed of the runs that are not finished under a folder.
+    ///
+    /// # Errors
+    /// Never, for a plan that was checked.
+    pub fn missing(&self, out: &Path) -> Result<Vec<(usize, u64)>> {
+        let mut missing = Vec::new();
+        for (case, seed) in self.runs() {
+            if self.place(out, case, seed)?.finished().is_none() {
+                missing.push((case, seed));
+            }
+        }
+        Ok(missing)
+    }
+
     fn carry_out_one(&self, out: &Path, case: usize, seed: u64) -> Result<StudyRun> {
-        let path = out
-            .join("runs")
-            .join(folder_name(&self.case[case].name))
-            .join(seed.to_string());
-        let identity = RunIdentity::new(seed, self.configuration(&self.case[case])?);
-        let folder = RunFolder::new(&path);
+        let place = self.place(out, case, seed)?;
         let conduct = Conduct {
             resume: true,
             checkpoint_every: Duration::from_secs(30),
         };
-        let stamp = json!({ "run": identity.to_json(), "evaluation": self.evaluation });
-        let evaluation = path.join("evaluation.json");
-        let known = read_evaluation(&evaluation, &stamp);
-        let forms = match known {
-            Some(forms) if folder.report().exists() => forms,
-            _ => {
-                let _report = train(&identity, &path, &conduct, |_| ())?;
-                let forms = self.evaluation.forms(&identity, &TrainedActors::read(&folder)?)?;
-                let object = json!({ "stamp": stamp, "forms": forms });
-                write_whole(&evaluation, format!("{object:#}\n").as_bytes())?;
+        let forms = match place.finished() {
+            Some(forms) => forms,
+            None => {
+                let _report = train(&place.identity, &place.path, &conduct, |_| ())?;
+                let trained = TrainedActors::read(&RunFolder::new(&place.path))?;
+                let forms = self.evaluation.forms(&place.identity, &trained)?;
+                let object = json!({ "stamp": place.stamp, "forms": forms });
+                write_whole(&place.evaluation(), format!("{object:#}\n").as_bytes())?;
                 forms
             }
         };
         Ok(StudyRun {
             case,
             seed,
-            folder: path,
+            folder: place.path,
             forms,
         })
+    }
+
+    fn place(&self, out: &Path, case: usize, seed: u64) -> Result<RunPlace> {
+        let case = &self.case[case];
+        let folder = out.join("runs").join(folder_name(&case.name));
+        let identity = RunIdentity::new(seed, self.configuration(case)?);
+        Ok(RunPlace {
+            path: folder.join(seed.to_string()),
+            stamp: json!({ "run": identity.to_json(), "evaluation": self.evaluation }),
+            identity,
+        })
+    }
+}
+
+/// Where a run of a study lies, and what it is.
+struct RunPlace {
+    path: PathBuf,
+    identity: RunIdentity,
+    /// What its evaluation depends on.
+    stamp: Value,
+}
+
+impl RunPlace {
+    fn evaluation(&self) -> PathBuf {
+        self.path.join("evaluation.json")
+    }
+
+    /// What came out, if the run is trained and was evaluated on the same worlds.
+    fn finished(&self) -> Option<Vec<FormResult>> {
+        let forms = read_evaluation(&self.evaluation(), &self.stamp)?;
+        RunFolder::new(&self.path).report().exists().then_some(forms)
     }
 }
 

@@ -329,6 +329,36 @@ fn a_study_gives_the_same_table_whenever_and_however_its_runs_are_done() {
         before
     );
 
+    // In shards, in folders of their own that are copied together afterwards: nothing is left but the tables.
+    let shard = |out: &str, more: &[&str]| {
+        let arguments = [&["study", "--json", "--plan", plan.to_str().unwrap()], more].concat();
+        success(&command(&arguments, &folder.path().join(out)).output().unwrap())
+    };
+    let object = shard("near", &["--shard", "0/3"]);
+    assert_eq!(object["runs"].as_array().unwrap().len(), 2);
+    assert_eq!(
+        object["missing"],
+        serde_json::json!([
+            { "case": "as it is", "seed": 2 },
+            { "case": "wider | network", "seed": 1 },
+        ])
+    );
+    assert!(!folder.path().join("near/plan.csv").exists());
+    for index in ["1/3", "2/3"] {
+        let object = shard("far", &["--shard", index]);
+        assert_eq!(object["runs"].as_array().unwrap().len(), 1);
+    }
+    for (case, seed) in [("as-it-is", "2"), ("wider-network", "1")] {
+        let of = |out: &str| folder.path().join(out).join("runs").join(case).join(seed);
+        std::fs::create_dir_all(of("near").parent().unwrap()).unwrap();
+        std::fs::rename(of("far"), of("near")).unwrap();
+    }
+    assert_eq!(
+        shard("near", &["--shard", "1/3"])["missing"],
+        serde_json::json!([])
+    );
+    assert_eq!(study("near", &[]).1, one);
+
     let arguments = ["study", "--plan", plan.to_str().unwrap()];
     let bad = folder.path().join("bad");
     for (from, to, expected) in [

@@ -2,11 +2,12 @@
 
 use crate::learning_curves::learning_curves;
 use crate::study::{Plan, StudyConduct, StudyRun};
+use host_sim::Shard;
 use host_sim::report::table::{Column, Table};
 use kit::error::Result;
 use kit::files::{check_output, write_set, write_whole};
 use kit::say;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -19,8 +20,12 @@ pub struct StudyArguments {
     /// Folder for the runs and the tables, which are named like the plan; finished runs in it are not done again
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     pub out: PathBuf,
+    /// Only every N-th run from the i-th on, i from 0 to N - 1, by cases, then seeds. No tables: once all shards are done and
+    /// their folders are in one, study without --shard writes them
+    #[arg(long, value_name = "i/N")]
+    pub shard: Option<Shard>,
     /// Also write the learning curves, for host-sim figures, to this file
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "shard")]
     pub curves: Option<PathBuf>,
     /// Runs at once; results do not depend on it
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -45,11 +50,15 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
     // Named like the plan: two plans may share a folder, and with it the runs that both have.
     let name = arguments.plan.file_stem().unwrap_or_default().to_string_lossy();
     let conduct = StudyConduct {
+        shard: arguments.shard.unwrap_or(Shard::WHOLE),
         parallel: arguments.parallel.into(),
         threads: arguments.threads,
         quiet: arguments.json,
     };
     let runs = plan.carry_out(&arguments.out, &conduct)?;
+    if let Some(shard) = arguments.shard {
+        return report_shard(arguments, &plan, shard, &runs);
+    }
     let markdown = markdown(&plan, &runs);
     let files = [
         (format!("{name}.csv"), csv(&plan, &runs)?),
@@ -60,22 +69,59 @@ pub fn run(arguments: &StudyArguments) -> Result<()> {
         write_whole(path, learning_curves(&plan, &runs)?.as_bytes())?;
     }
     if arguments.json {
-        let runs: Vec<_> = runs
-            .iter()
-            .map(|run| {
-                json!({
-                    "case": plan.case[run.case].name,
-                    "seed": run.seed,
-                    "folder": run.folder,
-                    "forms": run.forms,
-                })
-            })
-            .collect();
-        say!("{}", json!({ "evaluation": plan.evaluation, "runs": runs }));
+        say!("{}", to_json(&plan, &runs));
     } else {
         say!(
             "{markdown}\nWritten to {}: {name}.csv, {name}.md.",
             arguments.out.display()
+        );
+    }
+    Ok(())
+}
+
+fn to_json(plan: &Plan, runs: &[StudyRun]) -> Value {
+    let run = |run: &StudyRun| {
+        json!({
+            "case": plan.case[run.case].name,
+            "seed": run.seed,
+            "folder": run.folder,
+            "forms": run.forms,
+        })
+    };
+    let runs: Vec<Value> = runs.iter().map(run).collect();
+    json!({ "evaluation": plan.evaluation, "runs": runs })
+}
+
+/// Says what a shard did, what this folder still misses, and how the tables come about.
+fn report_shard(arguments: &StudyArguments, plan: &Plan, shard: Shard, runs: &[StudyRun]) -> Result<()> {
+    let out = arguments.out.display();
+    let missing = plan.missing(&arguments.out)?;
+    if arguments.json {
+        let named = |&(case, seed): &(usize, u64)| json!({ "case": plan.case[case].name, "seed": seed });
+        let mut object = to_json(plan, runs);
+        object["shard"] = json!(shard.index);
+        object["shards"] = json!(shard.count);
+        object["missing"] = missing.iter().map(named).collect();
+        say!("{object}");
+        return Ok(());
+    }
+    say!(
+        "Shard {} of {}: {} runs are finished in {out}.",
+        shard.index,
+        shard.count,
+        runs.len()
+    );
+    let plan_file = arguments.plan.display();
+    if missing.is_empty() {
+        say!("None is missing: `trainer study --plan {plan_file} --out {out}` writes the tables.");
+    } else {
+        let named = missing
+            .iter()
+            .map(|&(case, seed)| format!("{}, seed {seed}", plan.case[case].name));
+        say!("Missing in {out}: {}.", named.collect::<Vec<_>>().join("; "));
+        say!(
+            "Run the other shards, copy runs/ of their folders into {out}/runs, then `trainer study --plan {plan_file} --out {out}` \
+             writes the tables."
         );
     }
     Ok(())
