@@ -63,6 +63,7 @@ impl AssignSource {
             _ => 1e-4,
         });
         check_not_negative("gap", gap)?;
+        check_not_negative("demand_factor", self.demand_factor)?;
         check_not_negative("toll_weight", self.weights.toll)?;
         check_not_negative("distance_weight", self.weights.distance)?;
         let (network, demand) = match &self.net {

@@ -469,3 +469,259 @@ fn other_grids_and_damaged_results_are_named_never_merged() {
     assert_eq!(bench.json("sweep", "out", &[])["computed"], 1);
     assert_eq!(std::fs::read(&file).unwrap(), whole);
 }
+
+/// 6 points of two short hours on four blocks.
+const LOOP: &str = "
+command = \"loop\"
+worlds = 2
+policy = [\"clock\", \"aloha\"]
+seed = [3, 4, 5]
+delay = 60
+zip = [[\"seed\", \"planning.connected_share\"]]
+[planning]
+connected_share = [0, 0.2, 0.5]
+horizon_s = 400
+warmup_s = 100
+[mobility]
+blocks_x = 1
+blocks_y = 1
+";
+
+/// A file of the assignment's fixtures.
+fn fixture(name: &str) -> String {
+    let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/../assignment/tests/fixtures");
+    format!("{fixtures}/{name}")
+}
+
+/// 6 points of Sioux Falls, whose files lie beside the grid.
+fn sioux_falls() -> (Bench, String) {
+    let grid = "
+command = \"assign\"
+net = \"net.tntp\"
+trips = \"trips.tntp\"
+objective = [\"ue\", \"so\"]
+demand_factor = [0.25, 0.5, 1]
+";
+    let bench = Bench::new(grid);
+    for (name, fixture_name) in [("net", "SiouxFalls_net"), ("trips", "SiouxFalls_trips")] {
+        let to = bench.path(&format!("{name}.tntp"));
+        let _bytes = std::fs::copy(fixture(&format!("{fixture_name}.tntp")), to).unwrap();
+    }
+    (bench, grid.to_owned())
+}
+
+/// A row of a merged table, by column.
+fn row(csv: &str, point: usize) -> Vec<(&str, &str)> {
+    let mut lines = csv.lines();
+    let names = lines.next().unwrap().split(',');
+    names.zip(lines.nth(point).unwrap().split(',')).collect()
+}
+
+fn value<'r>(row: &[(&'r str, &'r str)], name: &str) -> &'r str {
+    row.iter().find(|(column, _)| *column == name).unwrap().1
+}
+
+/// The JSON object of a command.
+fn object(arguments: &[&str]) -> Value {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    let output = command.args(arguments).arg("--json").output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {message}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn loops_and_assignments_merge_to_the_same_bytes_in_shards() {
+    for (bench, key, figures) in [
+        (
+            Bench::new(LOOP),
+            "planning.connected_share",
+            &["trip_loss", "radio_loss", "delay_loss"][..],
+        ),
+        (
+            sioux_falls().0,
+            "demand_factor",
+            &["total_travel_time", "v_over_c"],
+        ),
+    ] {
+        assert_eq!(bench.json("sweep", "whole", &[])["computed"], 6);
+        for shard in ["2/3", "0/3", "1/3"] {
+            let object = bench.json("sweep", "shards", &["--shard", shard]);
+            assert_eq!(object["computed"], 2, "{shard}");
+        }
+        assert!(bench.merged("whole") == bench.merged("shards"), "{key}");
+        // What is there is not computed again.
+        assert_eq!(bench.json("sweep", "shards", &["--plan", "60"])["skipped"], 6);
+        let merged = bench.json("merge", "whole", &["--figure", key]);
+        let mut expected: Vec<String> = figures
+            .iter()
+            .map(|figure| format!("{figure}_by_{key}.svg"))
+            .collect();
+        expected.push(format!("{}_by_{key}.csv", figures[0]));
+        let files: Vec<&str> = merged["files"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|file| file.as_str().unwrap().rsplit('/').next().unwrap())
+            .collect();
+        assert_eq!(files[2..], expected);
+    }
+}
+
+#[test]
+fn a_point_of_a_loop_is_what_loop_says() {
+    let bench = Bench::new(LOOP);
+    let _object = bench.json("sweep", "out", &[]);
+    let _object = bench.json("merge", "out", &[]);
+    let csv = std::fs::read_to_string(bench.path("out/merged.csv")).unwrap();
+    // Nobody is connected: nothing is heard, no age is known.
+    let silent = row(&csv, 0);
+    assert_eq!(value(&silent, "planning.connected_share"), "0");
+    assert_eq!(value(&silent, "mean_age_ms"), "");
+    assert_eq!(value(&silent, "connected_in_cell"), "");
+    assert_eq!(value(&silent, "most_connected_in_cell"), "0");
+    let last = row(&csv, 5);
+    let settings: Vec<_> = last.iter().skip(1).map(|(_, value)| *value).take(9).collect();
+    assert_eq!(settings, ["1", "1", "0.5", "400", "100", "60", "aloha", "5", "2"]);
+    let run = object(&[
+        "loop",
+        "--policy=aloha",
+        "--seed=5",
+        "--worlds=2",
+        "--delay=60",
+        "--set=planning.connected_share=0.5",
+        "--set=planning.horizon_s=400",
+        "--set=planning.warmup_s=100",
+        "--set=mobility.blocks_x=1",
+        "--set=mobility.blocks_y=1",
+    ]);
+    let policy = &run["policies"][0];
+    for (column, expected) in [
+        ("vehicles", &run["vehicles"]),
+        ("connected_in_cell", &run["connected_in_cell"]),
+        ("roads", &run["roads"]),
+        ("mean_travel_time_s", &policy["mean_travel_time_s"]),
+        ("mean_travel_time_ci95_s", &policy["mean_travel_time_ci95_s"]),
+        ("uncapped_mean_age_ms", &policy["uncapped_mean_age_ms"]),
+        ("road_age_s", &policy["road_age_s"]),
+        ("regret_s_per_trip", &policy["regret_s_per_trip"]),
+        ("trip_loss_obedience_s", &policy["trip_loss_s"]["obedience"]),
+        (
+            "trip_loss_coverage_ci95_s",
+            &policy["trip_loss_s"]["coverage_ci95"],
+        ),
+        ("trip_loss_detection_s", &policy["trip_loss_s"]["detection"]),
+        ("trip_loss_radio_s", &policy["trip_loss_s"]["radio"]),
+        ("trip_loss_radio_ci95_s", &policy["trip_loss_s"]["radio_ci95"]),
+        ("trip_loss_delay_s", &run["delayed"][0]["trip_loss_s"]),
+        (
+            "trip_loss_no_information_s",
+            &run["cases"]["no_information"]["trip_loss_s"],
+        ),
+    ] {
+        let found: f64 = value(&last, column).parse().unwrap();
+        assert_eq!(Some(found), expected.as_f64(), "{column}");
+    }
+    // Every column has its place in the object: only what needs a connected vehicle may be missing.
+    assert!(last.iter().all(|(_, value)| !value.is_empty()), "{last:?}");
+}
+
+#[test]
+fn a_point_of_an_assignment_is_what_assign_says_and_its_files_are_part_of_the_grid() {
+    let (bench, _) = sioux_falls();
+    let _object = bench.json("sweep", "out", &[]);
+    let _object = bench.json("merge", "out", &[]);
+    let csv = std::fs::read_to_string(bench.path("out/merged.csv")).unwrap();
+    let point = row(&csv, 4);
+    assert_eq!(
+        (value(&point, "objective"), value(&point, "demand_factor")),
+        ("so", "0.5")
+    );
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let solved = object(&[
+        "assign",
+        "--net",
+        &net,
+        "--trips",
+        &trips,
+        "--objective=so",
+        "--demand-factor=0.5",
+    ]);
+    assert_eq!(solved["total_demand"], 180_300.0);
+    for (column, key) in [
+        ("iterations", "iterations"),
+        ("total_demand", "total_demand"),
+        ("total_travel_time", "total_travel_time"),
+        ("objective_value", "objective"),
+        ("relative_gap", "relative_gap"),
+        ("mean_v_over_c", "mean_v_over_c"),
+        ("max_v_over_c", "max_v_over_c"),
+    ] {
+        let found: f64 = value(&point, column).parse().unwrap();
+        assert_eq!(Some(found), solved[key].as_f64(), "{column}");
+    }
+    assert!(point.iter().all(|(_, value)| !value.is_empty()), "{point:?}");
+    let trips = std::fs::read_to_string(bench.path("trips.tntp")).unwrap();
+    std::fs::write(bench.path("trips.tntp"), trips + "\n").unwrap();
+    let message = bench.refusal("sweep", "out", &[]);
+    assert!(
+        message.starts_with("error: out: found results of another grid"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_command_knows_its_own_keys_alone() {
+    let (bench, assign) = sioux_falls();
+    for (grid, expected) in [
+        (
+            "command = \"lop\"\n",
+            "grid.toml: key command: found \"lop\", expected \"run\", \"loop\", \"assign\"",
+        ),
+        (
+            "command = [\"run\", \"loop\"]\n",
+            "grid.toml: key command: found [\"run\", \"loop\"], expected the name of one command",
+        ),
+        (
+            "comand = \"loop\"\n",
+            "grid.toml: key comand: found an unknown key, expected a key of run or of the scenario, such as command",
+        ),
+        (
+            "command = \"loop\"\nworld = 3\n",
+            "grid.toml: key world: found an unknown key, expected a key of loop or of the scenario, such as worlds",
+        ),
+        (
+            "command = \"assign\"\nmax_iteration = 3\n",
+            "grid.toml: key max_iteration: found an unknown key, expected a key of assign, such as max_iterations",
+        ),
+        (
+            "command = \"loop\"\ntrips = [\"trips.tntp\", \"net.tntp\"]\npolicy = \"clock\"\n",
+            "grid.toml: point 0 (trips=trips.tntp): trips: found no net beside it, expected both, or none with the grid",
+        ),
+        (
+            "command = \"loop\"\ntraffic = \"sumoo\"\npolicy = \"clock\"\n",
+            "grid.toml: point 0 (): traffic: found \"sumoo\", expected \"built-in\", \"sumo\"",
+        ),
+        (
+            "command = \"loop\"\nworlds = 0\npolicy = \"clock\"\n",
+            "grid.toml: point 0 (): worlds: found 0, expected 1 to 100000",
+        ),
+        (
+            "command = \"loop\"\npolicy = \"actor\"\nradio.sub_channels = 9\n",
+            "grid.toml: point 0 (): radio.sub_channels: found 9, expected 1 to 8, which the table serves",
+        ),
+        (
+            "command = \"assign\"\ndemand_factor = [1, -1]\n",
+            "grid.toml: point 1 (demand_factor=-1): demand_factor: found -1, expected a finite number, not negative",
+        ),
+    ] {
+        bench.write(grid);
+        assert_eq!(bench.refusal("sweep", "out", &[]), format!("error: {expected}"));
+    }
+    bench.write(&assign);
+    assert_eq!(
+        bench.refusal("sweep", "out", &["--seeds", "1,2"]),
+        "error: --seeds: found 2 seeds, expected none: `assign` draws nothing at random"
+    );
+    assert!(!bench.path("out").exists());
+}

@@ -23,7 +23,7 @@ impl<'g> Settings<'g> {
         Self { grid, point }
     }
 
-    /// The axis of a key and its value here, if the grid has the key.
+    /// The value of a key, if the grid has it.
     fn value(&self, key: &str) -> Option<&'g Value> {
         let axis = self.grid.axes().iter().position(|axis| axis.key == key)?;
         Some(self.grid.value(self.point, axis))
