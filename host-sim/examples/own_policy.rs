@@ -90,6 +90,9 @@ fn main() -> Result<()> {
             kind.name, ages.mean_ms
         );
     }
-    println!("bound    {:6.2} ms", simulation.bound_age_ms());
+    println!(
+        "bound    {:6.2} ms",
+        simulation.bound_age_ms().unwrap_or(f64::NAN)
+    );
     Ok(())
 }

@@ -21,7 +21,7 @@ use crate::policy::Kind;
 use crate::scenario::Scenario;
 use crate::stream::{Purpose, Role, WorldKey};
 use firmware::table::Table;
-use kit::error::Result;
+use kit::error::{Error, Result};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -226,6 +226,20 @@ pub fn closed_loop(
             }
         })
         .collect();
+    for world in &worlds {
+        if world
+            .trips
+            .last()
+            .is_none_or(|last| last.departs_s < planning.warmup_s)
+        {
+            let found = format!("no trip after it in world {}", world.key.world);
+            return Err(Error::input(
+                "planning.warmup_s",
+                found,
+                "trips that count, in every world",
+            ));
+        }
+    }
     let usual_speeds = usual_speeds(town, options, build)?;
     // The played seconds of a policy count as one of its hours.
     let cases = 5 + options.delays_s.len() + 2 * options.policies.len();
@@ -272,7 +286,9 @@ pub fn closed_loop(
             let mut before: Vec<OnRoad> = Vec::new();
             let mut sample = 0;
             let outcome = run(world, own_speeds, &mut Fixed(0.0), &mut |time_s, now| {
-                if time_s >= planning.radio_sample_s * f64::from(sample) && time_s <= planning.horizon_s {
+                // In the middle of the time that it stands for.
+                let due_s = planning.radio_sample_s * (f64::from(sample) + 0.5);
+                if time_s >= due_s && time_s <= planning.horizon_s {
                     sample += 1;
                     let connected = |vehicle: u32| {
                         let trip = &world.trips[vehicle as usize];
@@ -291,7 +307,7 @@ pub fn closed_loop(
         .unzip();
     let in_cells = || moments.iter().flatten().map(Vec::len).filter(|&count| count > 0);
     let connected_in_cell = (
-        in_cells().sum::<usize>() as f64 / in_cells().count() as f64,
+        in_cells().sum::<usize>() as f64 / in_cells().count().max(1) as f64,
         in_cells().max().unwrap_or(0),
     );
     let lengths: Vec<usize> = moments.iter().map(Vec::len).collect();

@@ -27,8 +27,8 @@ impl Neighbours {
         }
         let ends = 1.0 / scenario.burst_slots;
         let (begins, ends) = if scenario.duty < 1.0 {
-            // In the mean as many bursts begin as end; a duty that bursts of this length cannot fill makes quiet shorter than a slot.
-            ((ends * scenario.duty / (1.0 - scenario.duty)).min(1.0), ends)
+            // In the mean as many bursts begin as end.
+            (ends * scenario.duty / (1.0 - scenario.duty), ends)
         } else {
             (1.0, 0.0)
         };

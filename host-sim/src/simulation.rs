@@ -96,9 +96,9 @@ impl Simulation<'_> {
         self.run(|setup| (policy.build)(setup, table), at_end)
     }
 
-    /// [`ideal_age_ms`], over the vehicle-slots after warm-up where the number of vehicles changes; NaN where it differs between
-    /// worlds.
-    pub fn bound_age_ms(&self) -> f64 {
+    /// [`ideal_age_ms`], over the vehicle-slots after warm-up where the number of vehicles changes; `None` where it differs
+    /// between worlds.
+    pub fn bound_age_ms(&self) -> Option<f64> {
         let Self {
             scenario,
             source,
@@ -106,10 +106,10 @@ impl Simulation<'_> {
         } = *self;
         let sub_channels = scenario.radio.sub_channels;
         if source.worlds_differ() {
-            return f64::NAN;
+            return None;
         }
         if source.duration_slots().is_none() {
-            return ideal_age_ms(source.vehicles(scenario) as u32, sub_channels);
+            return Some(ideal_age_ms(source.vehicles(scenario) as u32, sub_channels));
         }
         let key = WorldKey {
             seed: extent.seed,
@@ -121,7 +121,7 @@ impl Simulation<'_> {
         let update = scenario.radio.slow_update_slots;
         for slot in (0..extent.slots_per_world()).step_by(update as usize) {
             if mobility.advance(slot, &mut places).is_err() {
-                return f64::NAN;
+                return None;
             }
             let vehicles = places.len() as u32;
             // The slots of this update that count.
@@ -132,7 +132,7 @@ impl Simulation<'_> {
                 count += vehicle_slots;
             }
         }
-        if count > 0.0 { sum / count } else { f64::NAN }
+        (count > 0.0).then(|| sum / count)
     }
 }
 

@@ -99,6 +99,8 @@ fn no_step_makes_the_result() {
             "{difference} +- {half:?}"
         );
     }
+    let (one, other) = (fine.no_information.v_over_c, coarse.no_information.v_over_c);
+    assert!((one / other - 1.0).abs() < 0.005, "{one} {other}");
     // Without knowledge nothing looks: the traffic itself has no step.
     assert!(fine.no_information.beyond(&coarse.no_information).0.abs() < 1e-9);
 }

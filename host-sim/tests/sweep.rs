@@ -578,7 +578,7 @@ fn a_point_of_a_loop_is_what_loop_says() {
     let silent = row(&csv, 0);
     assert_eq!(value(&silent, "planning.connected_share"), "0");
     assert_eq!(value(&silent, "mean_age_ms"), "");
-    assert_eq!(value(&silent, "connected_in_cell"), "");
+    assert_eq!(value(&silent, "connected_in_cell"), "0");
     assert_eq!(value(&silent, "most_connected_in_cell"), "0");
     let last = row(&csv, 5);
     let settings: Vec<_> = last.iter().skip(1).map(|(_, value)| *value).take(9).collect();

@@ -180,7 +180,7 @@ pub fn evaluate_policy(
         kind.name.to_owned(),
         extent,
         vehicles,
-        simulation.bound_age_ms(),
+        simulation.bound_age_ms().unwrap_or(f64::NAN),
         ages,
     ))
 }

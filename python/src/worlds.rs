@@ -153,7 +153,7 @@ impl Worlds {
             source: source.as_ref(),
             extent,
         };
-        simulation.bound_age_ms()
+        simulation.bound_age_ms().unwrap_or(f64::NAN)
     }
 
     /// What the worlds are made of.

@@ -109,11 +109,6 @@ impl LoopSource {
             KINDS.iter().copied().filter(asked).collect()
         };
         let scenario = self.scenario.read()?;
-        let planning = &scenario.planning;
-        if planning.warmup_s >= planning.horizon_s {
-            let expected = format!("less than planning.horizon_s, {}", planning.horizon_s);
-            return Err(Error::input("planning.warmup_s", planning.warmup_s, expected));
-        }
         if !WORLDS.contains(&self.worlds) {
             let expected = format!("{} to {}", WORLDS.start(), WORLDS.end());
             return Err(Error::input("worlds", self.worlds, expected));

@@ -17,6 +17,9 @@ use kit::files::{NamedText, check_folder, write_set, written};
 use kit::say;
 use std::path::{Path, PathBuf};
 
+/// Share of unfinished trips from which on times are no longer trip times (chosen).
+const UNFINISHED: f64 = 0.005;
+
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -274,6 +277,17 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         "Lost: beyond the row above that differs in this thing alone (obedience, coverage, detection, radio), beyond the \
          freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
     );
+    table.note(
+        "V/C: vehicles that passed over capacity. Stuck: how often, for each trip, somebody was let into a full road after 300 s.",
+    );
+    let unfinished = rows.iter().map(|row| row.result.unfinished).fold(0.0, f64::max);
+    if unfinished > UNFINISHED {
+        table.note(&format!(
+            "CAUTION: up to {:.0} % of trips had not arrived at twice planning.horizon_s and count as arriving then. The streets \
+             were locked; these times measure the lock, not knowledge.",
+            100.0 * unfinished
+        ));
+    }
     table.note("An interval that holds zero says that these hours show no loss. Cells do not disturb each other here.");
     Ok(table)
 }

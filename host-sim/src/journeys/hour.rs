@@ -28,6 +28,13 @@ pub struct Times {
     pub advice_s: f64,
 }
 
+impl Times {
+    /// Whether what happens at a time counts.
+    fn counts(&self, time_s: f64) -> bool {
+        (self.warmup_s..=self.horizon_s).contains(&time_s)
+    }
+}
+
 /// What does not depend on who knows what: one world's roads, trips and incidents.
 #[derive(Clone, Copy)]
 pub struct World<'w> {
@@ -153,6 +160,8 @@ struct Hour<'w, 't> {
     /// By road: way and time of everybody since the last look, and while trips count.
     lately: Vec<(f64, f64)>,
     in_all: Vec<(f64, f64)>,
+    /// By road: how many drove it to its end while trips count.
+    passed: Vec<u32>,
     advised: u64,
 }
 
@@ -167,13 +176,7 @@ pub fn run(
     delays: &mut dyn Delays,
     mut watch: impl FnMut(f64, &[OnRoad]),
 ) -> Result<Outcome> {
-    let Times {
-        warmup_s,
-        horizon_s,
-        end_s,
-        look_s,
-        ..
-    } = world.times;
+    let Times { end_s, look_s, .. } = world.times;
     let roads = world.map.roads().len();
     let memory_s = match case.sight {
         Sight::OwnSpeeds(memory_s) => memory_s,
@@ -196,6 +199,7 @@ pub fn run(
         now: Vec::new(),
         lately: vec![(0.0, 0.0); roads],
         in_all: vec![(0.0, 0.0); roads],
+        passed: vec![0; roads],
         advised: 0,
         world,
     };
@@ -210,7 +214,8 @@ pub fn run(
         hour.travel(last_s, time_s, &mut arrived)?;
         hour.observe(time_s, look_s)?;
         watch(time_s, &hour.now);
-        if (warmup_s..=horizon_s).contains(&time_s) {
+        hour.hear(time_s);
+        if world.times.counts(time_s) {
             looks += 1.0;
             vehicles += hour.now.len() as f64;
             road_age_s += hour.road_age_s(time_s);
@@ -234,7 +239,13 @@ impl Hour<'_, '_> {
             arrived.clear();
             self.traffic.advance(second_s, arrived)?;
             for arrival in arrived.iter() {
-                self.travellers[arrival.vehicle as usize].arrived_s = Some(arrival.time_s);
+                let traveller = &mut self.travellers[arrival.vehicle as usize];
+                traveller.arrived_s = Some(arrival.time_s);
+                if self.world.times.counts(arrival.time_s) {
+                    for &road in &traveller.way[traveller.done..] {
+                        self.passed[road as usize] += 1;
+                    }
+                }
             }
             // Whoever has set out meanwhile enters at a whole second.
             if second_s == second_s.floor() {
@@ -326,10 +337,16 @@ impl Hour<'_, '_> {
     fn observe(&mut self, time_s: f64, look_s: f64) -> Result<()> {
         std::mem::swap(&mut self.before, &mut self.now);
         self.traffic.on_roads(&mut self.now)?;
+        let counts = self.world.times.counts(time_s);
         for on_road in &self.now {
             let traveller = &mut self.travellers[on_road.vehicle as usize];
             let ahead = &traveller.way[traveller.done..];
             if let Some(passed) = ahead.iter().position(|&road| road == on_road.road) {
+                if counts {
+                    for &road in &ahead[..passed] {
+                        self.passed[road as usize] += 1;
+                    }
+                }
                 traveller.done += passed;
             }
         }
@@ -349,10 +366,7 @@ impl Hour<'_, '_> {
                 self.lately[road].1 += look_s;
             }
         }
-        let Times {
-            warmup_s, horizon_s, ..
-        } = self.world.times;
-        if (warmup_s..=horizon_s).contains(&time_s) {
+        if counts {
             for (all, lately) in self.in_all.iter_mut().zip(&self.lately) {
                 all.0 += lately.0;
                 all.1 += lately.1;
@@ -423,10 +437,9 @@ impl Hour<'_, '_> {
             ..
         } = self.world.times;
         let hours = (horizon_s - warmup_s) / 3600.0;
-        let roads = self.world.map.roads().iter().zip(&self.in_all);
-        // All ways on a road over its length are the vehicles that passed it (Edie 1963).
+        let roads = self.world.map.roads().iter().zip(&self.passed);
         let v_over_c: f64 = roads
-            .map(|(road, (way_m, _))| way_m / road.length_m / hours / road.capacity_veh_per_h)
+            .map(|(road, &passed)| f64::from(passed) / hours / road.capacity_veh_per_h)
             .sum();
         let (mut sum_s, mut trips, mut unfinished) = (0.0, 0, 0);
         for (index, trip) in self.world.trips.iter().enumerate() {

@@ -39,6 +39,7 @@ pub struct Knowledge<'m> {
     estimates: Vec<(f64, f64)>,
     /// By road, at the time of the last look.
     times_s: Vec<f64>,
+    looked_s: f64,
 }
 
 /// Time in s from end to end of a road at a speed.
@@ -61,6 +62,7 @@ impl<'m> Knowledge<'m> {
             },
             estimates: usual.map(|&speed| (speed, f64::NEG_INFINITY)).collect(),
             times_s: vec![0.0; usual_speeds_m_per_s.len()],
+            looked_s: 0.0,
         };
         knowledge.look(0.0);
         knowledge
@@ -82,7 +84,9 @@ impl<'m> Knowledge<'m> {
         let before = self.speed_m_per_s(report.road, report.measured_s);
         let estimate = before + self.weight * (report.speed_m_per_s - before);
         self.estimates[report.road as usize] = (estimate, report.measured_s);
-        self.times_s[report.road as usize] = self.time_s(report.road, report.measured_s);
+        // What was old when it came has faded as much as if it had come at once.
+        let now_s = self.looked_s.max(report.measured_s);
+        self.times_s[report.road as usize] = self.time_s(report.road, now_s);
     }
 
     fn time_s(&self, road: u32, time_s: f64) -> f64 {
@@ -92,6 +96,7 @@ impl<'m> Knowledge<'m> {
 
     /// Lets beliefs fade until a time.
     pub fn look(&mut self, time_s: f64) {
+        self.looked_s = time_s;
         for road in 0..self.times_s.len() {
             self.times_s[road] = self.time_s(road as u32, time_s);
         }

@@ -57,7 +57,7 @@ impl Town {
             capacity: planning.lane_capacity_veh_per_h * f64::from(mobility.lanes_per_direction),
             b: traffic.bpr_factor,
             power: traffic.bpr_power,
-            volume_per_pair: planning.trips_per_pair_veh_per_h,
+            volume_per_pair: planning.demand_factor * planning.trips_per_pair_veh_per_h,
         };
         let network = grid.network()?;
         let nodes = 0..network.numbering().nodes;

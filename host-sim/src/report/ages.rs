@@ -29,14 +29,16 @@ fn columns(results: &[PolicyResult], bound_ms: Option<f64>) -> Vec<Column> {
     ]
 }
 
-/// The table of ages.
+/// The table of ages; without a bound where worlds differ in their vehicles.
 ///
 /// # Errors
 /// Never: its columns have a row for each policy and one for the bound.
-pub fn table(results: &[PolicyResult], description: &str, bound_ms: f64) -> Result<Table> {
-    let mut columns = columns(results, Some(bound_ms));
-    let over_bound = results.iter().map(|result| result.ages.mean_ms / bound_ms);
-    columns.push(Column::number("over_bound", over_bound.chain([1.0])).shown("over bound", "x", 3));
+pub fn table(results: &[PolicyResult], description: &str, bound_ms: Option<f64>) -> Result<Table> {
+    let mut columns = columns(results, bound_ms);
+    if let Some(bound_ms) = bound_ms {
+        let over_bound = results.iter().map(|result| result.ages.mean_ms / bound_ms);
+        columns.push(Column::number("over_bound", over_bound.chain([1.0])).shown("over bound", "x", 3));
+    }
     let mut table = Table::new(columns)?.titled("Age of information");
     table.note(&format!("{description}."));
     table.note("99 % within: the age that at most 1 of 100 vehicle-slots exceeds.");
@@ -88,12 +90,12 @@ pub fn measures(results: &[PolicyResult]) -> Result<Table> {
 ///
 /// # Errors
 /// If a figure cannot show its values.
-pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Result<Vec<NamedText>> {
+pub fn files(results: &[PolicyResult], description: &str, bound_ms: Option<f64>) -> Result<Vec<NamedText>> {
     let note = format!("{description}. {INTERVALS}");
-    let bound = Reference {
+    let bound = bound_ms.map(|value| Reference {
         name: "bound".to_owned(),
-        value: bound_ms,
-    };
+        value,
+    });
     let bars = results.iter().map(|PolicyResult { name, ages, .. }| Bar {
         name: (*name).to_owned(),
         value: ages.mean_ms,
@@ -109,7 +111,7 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         axis: Axis::logarithmic("mean age (ms)"),
         decimals: 2,
         bars: bars.collect(),
-        reference: Some(bound.clone()),
+        reference: bound.clone(),
     };
     let start = LineChart {
         title: "Cold start: mean age after each slot, all vehicles from 100 ms".to_owned(),
@@ -117,7 +119,7 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: f64) -> Resu
         horizontal: Axis::linear("slot (ms)"),
         vertical: Axis::logarithmic("mean age (ms)"),
         series: series(results, |ages| ages.start_ms.clone()),
-        references: vec![bound],
+        references: bound.into_iter().collect(),
     };
     let distribution = LineChart {
         title: "How often information is older".to_owned(),

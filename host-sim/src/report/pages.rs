@@ -103,17 +103,15 @@ pub fn run(
     sections.retain(|section| !section.blocks.is_empty());
     let actor = results.iter().find(|result| result.name == "actor");
     let bound = experiment.simulation().bound_age_ms();
-    let summary = actor.map_or_else(
-        || format!("{SCENE} These are the ages of the chosen policies on the same worlds."),
-        |actor| {
-            format!(
-                "{SCENE} The network in the vehicles, called actor, keeps a vehicle's report {:.2} ms old on average, {:.1} % \
-                 above what the best schedule could reach without fading.",
-                actor.ages.mean_ms,
-                100.0 * (actor.ages.mean_ms / bound - 1.0)
-            )
-        },
-    );
+    let summary = match (actor, bound) {
+        (Some(actor), Some(bound)) => format!(
+            "{SCENE} The network in the vehicles, called actor, keeps a vehicle's report {:.2} ms old on average, {:.1} % above \
+             what the best schedule could reach without fading.",
+            actor.ages.mean_ms,
+            100.0 * (actor.ages.mean_ms / bound - 1.0)
+        ),
+        _ => format!("{SCENE} These are the ages of the chosen policies on the same worlds."),
+    };
     let facts = vec![
         ("worlds", experiment.description()),
         ("mobility", experiment.mobility_name()),

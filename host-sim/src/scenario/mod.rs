@@ -298,7 +298,7 @@ keys! {
         /// Trips for each pair of the grid's crossings in the loop.
         #[key(range = 0.0..=1e6, unit = "veh/h", source = "chosen: without incidents nobody queues")]
         pub trips_per_pair_veh_per_h: f64,
-        /// Factor on the trips of a loaded network.
+        /// Factor on the trips of the grid or of a loaded network.
         #[key(range = 0.0..=1e6, source = "chosen")]
         pub demand_factor: f64,
         /// Time for which vehicles set out.
@@ -406,7 +406,9 @@ impl Scenario {
         let Self {
             mobility,
             fading,
+            neighbours,
             traffic,
+            planning,
             ..
         } = self;
         let street_half_width = mobility.lane_width_m * f64::from(mobility.lanes_per_direction);
@@ -428,8 +430,32 @@ impl Scenario {
             "mobility.right_turn_share",
             mobility.right_turn_share,
             0.0,
-            1.0 - mobility.left_turn_share,
+            // Shares as people write them add up to 1 but for the last bits.
+            1.0 - mobility.left_turn_share + 1e-9,
             "at most 1 less mobility.left_turn_share",
+        )?;
+        if neighbours.duty < 1.0 {
+            within(
+                "neighbours.duty",
+                neighbours.duty,
+                0.0,
+                neighbours.burst_slots / (neighbours.burst_slots + 1.0),
+                "1, or at most burst_slots / (burst_slots + 1), since quiet lasts a slot at least",
+            )?;
+        }
+        within(
+            "planning.warmup_s",
+            planning.warmup_s,
+            0.0,
+            planning.horizon_s.next_down(),
+            "less than planning.horizon_s",
+        )?;
+        within(
+            "planning.radio_sample_s",
+            planning.radio_sample_s,
+            0.0,
+            planning.horizon_s,
+            "at most planning.horizon_s",
         )?;
         if !fading.follows_speed {
             within(
