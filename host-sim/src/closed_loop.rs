@@ -315,14 +315,8 @@ pub fn closed_loop(
 
     let mut policies = Vec::new();
     for policy in options.policies {
-        let (seconds, ages) = radio_seconds::play(
-            options.scenario,
-            options.seed,
-            policy,
-            options.table,
-            &moments,
-            |_| (),
-        )?;
+        let (seconds, ages) =
+            radio_seconds::play(options.scenario, options.seed, policy, options.table, &moments)?;
         for _ in &worlds {
             advance();
         }

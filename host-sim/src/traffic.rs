@@ -56,19 +56,8 @@ impl TrafficModel {
     /// # Errors
     /// If the scenario's grid is no network.
     pub fn new(scenario: &Scenario) -> Result<Self> {
-        let (mobility, traffic) = (&scenario.mobility, &scenario.traffic);
-        let grid = Grid {
-            columns: mobility.blocks_x + 1,
-            rows: mobility.blocks_y + 1,
-            block_length_x: mobility.block_x_m,
-            block_length_y: mobility.block_y_m,
-            free_flow_time_x: traffic.free_flow_time_x_s,
-            free_flow_time_y: traffic.free_flow_time_y_s,
-            capacity: traffic.capacity_veh_per_h,
-            b: traffic.bpr_factor,
-            power: traffic.bpr_power,
-            volume_per_pair: traffic.trips_per_pair_veh_per_h,
-        };
+        let traffic = &scenario.traffic;
+        let grid = road_grid(scenario);
         Ok(Self {
             network: grid.network()?,
             demand: grid.demand()?,
@@ -172,6 +161,23 @@ impl TrafficModel {
             stale: mean_state(outcomes.iter().map(|outcome| outcome.stale)),
             informed: mean_state(outcomes.iter().map(|outcome| outcome.informed)),
         })
+    }
+}
+
+/// The roads between a scenario's crossings, with the paper's capacity and trips.
+pub fn road_grid(scenario: &Scenario) -> Grid {
+    let (mobility, traffic) = (&scenario.mobility, &scenario.traffic);
+    Grid {
+        columns: mobility.blocks_x + 1,
+        rows: mobility.blocks_y + 1,
+        block_length_x: mobility.block_x_m,
+        block_length_y: mobility.block_y_m,
+        free_flow_time_x: traffic.free_flow_time_x_s,
+        free_flow_time_y: traffic.free_flow_time_y_s,
+        capacity: traffic.capacity_veh_per_h,
+        b: traffic.bpr_factor,
+        power: traffic.bpr_power,
+        volume_per_pair: traffic.trips_per_pair_veh_per_h,
     }
 }
 

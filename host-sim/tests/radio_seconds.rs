@@ -103,7 +103,7 @@ fn delays_are_those_of_a_cell_that_is_played_whole() {
                 .unwrap()
         };
         // By samples.
-        let (seconds, ages) = play(&scenario, 5, policy, &table, &samples, |_| ()).unwrap();
+        let (seconds, ages) = play(&scenario, 5, policy, &table, &samples).unwrap();
         assert!(ages.unwrap().mean_ms > 1.0);
         let mut sampled = Sampled::new(&town, &seconds, SAMPLE_S);
         let (mut whole_s, mut sampled_s) = (Vec::new(), Vec::new());

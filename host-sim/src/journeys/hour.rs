@@ -104,8 +104,6 @@ pub struct Outcome {
     pub speeds_m_per_s: Vec<f64>,
     /// Flow over capacity while trips count, mean over roads.
     pub v_over_c: f64,
-    /// Advice taken.
-    pub advised: u64,
 }
 
 /// A report on its way, by arrival.
@@ -162,7 +160,6 @@ struct Hour<'w, 't> {
     in_all: Vec<(f64, f64)>,
     /// By road: how many drove it to its end while trips count.
     passed: Vec<u32>,
-    advised: u64,
 }
 
 /// Runs an hour. `watch` sees everybody at every look.
@@ -200,7 +197,6 @@ pub fn run(
         lately: vec![(0.0, 0.0); roads],
         in_all: vec![(0.0, 0.0); roads],
         passed: vec![0; roads],
-        advised: 0,
         world,
     };
     let mut arrived = Vec::new();
@@ -287,9 +283,7 @@ impl Hour<'_, '_> {
 
     fn better_way(&mut self, vehicle: u32, onward: &[u32]) -> Option<Vec<u32>> {
         let times_s = self.knowledge.times_s();
-        let better = self.guide.better_way(vehicle, onward, times_s, &self.world.key);
-        self.advised += u64::from(better.is_some());
-        better
+        self.guide.better_way(vehicle, onward, times_s, &self.world.key)
     }
 
     /// Takes in the reports that have arrived by a time.
@@ -308,16 +302,16 @@ impl Hour<'_, '_> {
         if self.case.sight == Sight::Blind {
             return Ok(());
         }
-        let mut due: Vec<(f64, u32, u32)> = Vec::new();
+        let mut due: Vec<(f64, u32)> = Vec::new();
         for on_road in &self.now {
             let traveller = &self.travellers[on_road.vehicle as usize];
             let trip = &self.world.trips[on_road.vehicle as usize];
             if traveller.next_advice_s <= time_s && trip.obeys(self.case.obeying_share) {
-                due.push((traveller.next_advice_s.max(last_s), on_road.vehicle, on_road.road));
+                due.push((traveller.next_advice_s.max(last_s), on_road.vehicle));
             }
         }
         due.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for (at_s, vehicle, _) in due {
+        for (at_s, vehicle) in due {
             self.hear(at_s);
             let traveller = &mut self.travellers[vehicle as usize];
             traveller.next_advice_s = at_s + self.world.times.advice_s;
@@ -460,7 +454,6 @@ impl Hour<'_, '_> {
             road_age_s,
             speeds_m_per_s: self.in_all.iter().map(|(way_m, time_s)| way_m / time_s).collect(),
             v_over_c: v_over_c / self.in_all.len() as f64,
-            advised: self.advised,
         }
     }
 }

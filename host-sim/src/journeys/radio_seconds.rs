@@ -134,7 +134,7 @@ impl Mobility for Straight<'_> {
 }
 
 /// Plays a second of every moment under a policy, on the current rayon pool: the seconds in the order of moments, and the ages
-/// over all of them. `played` hears of every moment that is done. The result does not depend on the number of threads.
+/// over all of them. The result does not depend on the number of threads.
 ///
 /// # Errors
 /// What [`Kind::check`] refuses.
@@ -144,7 +144,6 @@ pub fn play(
     policy: &Kind,
     table: &Table<'_>,
     moments: &[Moment],
-    played: impl Fn(u64) + Sync,
 ) -> Result<(Vec<RadioSecond>, Option<AgeSummary>)> {
     let mut ordered: Vec<(usize, &Moment)> = moments
         .iter()
@@ -190,7 +189,6 @@ pub fn play(
                     }
                 }
             })?;
-            played(worlds.len() as u64);
             Ok((ages, received))
         })
         .collect::<Result<Vec<_>>>()?;

@@ -7,6 +7,7 @@ use super::roads::{LANE_CAPACITY_VEH_PER_H, Road, RoadMap, SPACING_M};
 use super::trips;
 use crate::scenario::{PlanningScenario, Scenario};
 use crate::stream::WorldKey;
+use crate::traffic::road_grid;
 use assignment::coordinates::{LengthUnit, NodePlaces};
 use assignment::grid::Grid;
 use assignment::{Demand, Network, Options, PathFlow, assign};
@@ -46,18 +47,11 @@ impl Town {
     /// # Errors
     /// As [`Grid::network`].
     pub fn of_grid(scenario: &Scenario) -> Result<Self> {
-        let (mobility, traffic, planning) = (&scenario.mobility, &scenario.traffic, &scenario.planning);
+        let (mobility, planning) = (&scenario.mobility, &scenario.planning);
         let grid = Grid {
-            columns: mobility.blocks_x + 1,
-            rows: mobility.blocks_y + 1,
-            block_length_x: mobility.block_x_m,
-            block_length_y: mobility.block_y_m,
-            free_flow_time_x: traffic.free_flow_time_x_s,
-            free_flow_time_y: traffic.free_flow_time_y_s,
             capacity: planning.lane_capacity_veh_per_h * f64::from(mobility.lanes_per_direction),
-            b: traffic.bpr_factor,
-            power: traffic.bpr_power,
             volume_per_pair: planning.demand_factor * planning.trips_per_pair_veh_per_h,
+            ..road_grid(scenario)
         };
         let network = grid.network()?;
         let nodes = 0..network.numbering().nodes;
