@@ -5,7 +5,8 @@
 //! vehicle frees at the end appears at the beginning once the gap has travelled back through the queue: together this is the
 //! triangular fundamental diagram of Newell's simplified theory (1993), in the form of the link transmission model (Yperman
 //! 2007), vehicle by vehicle. Queues spill back over crossings; the crossings themselves hold nobody up, since a planning
-//! network's capacities contain them.
+//! network's capacities contain them. Whoever sets out gives way to all who are on the road: otherwise the crowd that waits to
+//! set out on a jammed road locks the roads before it.
 //!
 //! No time step enters: halving the steps at which somebody looks changes nothing.
 
@@ -43,19 +44,12 @@ struct Queue {
     gap_delay_s: f64,
     next_exit_s: f64,
     next_entry_s: f64,
-    /// Who wants to enter, first come, first served.
-    waiting: VecDeque<Waiting>,
+    /// Other roads whose first vehicle wants to enter, first come, first served.
+    waiting: VecDeque<u32>,
+    /// Vehicles that set out here, each as soon as nobody waits on another road.
+    departing: VecDeque<u32>,
     /// The instant of its next admission, if one is due.
     admission_s: f64,
-}
-
-/// Who wants to enter a road.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Waiting {
-    /// The first vehicle of another road.
-    HeadOf(u32),
-    /// A vehicle that sets out.
-    Departing(u32),
 }
 
 /// A vehicle.
@@ -120,6 +114,7 @@ impl<'m> Queues<'m> {
             next_exit_s: 0.0,
             next_entry_s: 0.0,
             waiting: VecDeque::new(),
+            departing: VecDeque::new(),
             admission_s: f64::INFINITY,
         };
         Self {
@@ -180,12 +175,6 @@ impl<'m> Queues<'m> {
         }
     }
 
-    /// Somebody asks to enter a road.
-    fn ask(&mut self, road: u32, who: Waiting) {
-        self.roads[road as usize].waiting.push_back(who);
-        self.schedule_admission(road);
-    }
-
     /// The next admission takes place as soon as headway and room allow; without a gap on its way it waits for one.
     fn schedule_admission(&mut self, road: u32) {
         let time_s = self.time_s;
@@ -193,7 +182,7 @@ impl<'m> Queues<'m> {
         while queue.gaps_s.front().is_some_and(|&gap_s| gap_s <= time_s) {
             queue.gaps_s.pop_front();
         }
-        if queue.waiting.is_empty() {
+        if queue.waiting.is_empty() && queue.departing.is_empty() {
             return;
         }
         let taken = queue.vehicles.len() + queue.gaps_s.len();
@@ -222,23 +211,20 @@ impl<'m> Queues<'m> {
             queue.gaps_s.pop_front();
         }
         let room = queue.vehicles.len() + queue.gaps_s.len() < queue.storage;
-        let admits = room && queue.next_entry_s <= time_s;
-        let who = if admits { queue.waiting.pop_front() } else { None };
-        if let Some(who) = who {
-            self.enter(road, who, arrived);
+        if room && queue.next_entry_s <= time_s {
+            let vehicle = match queue.waiting.pop_front() {
+                Some(from) => self.leave(from, arrived),
+                None => queue.departing.pop_front(),
+            };
+            if let Some(vehicle) = vehicle {
+                self.enter(road, vehicle);
+            }
         }
         self.schedule_admission(road);
     }
 
-    /// Whoever asked enters the road now.
-    fn enter(&mut self, road: u32, who: Waiting, arrived: &mut Vec<Arrival>) {
-        let vehicle = match who {
-            Waiting::Departing(vehicle) => vehicle,
-            Waiting::HeadOf(from) => match self.leave(from, arrived) {
-                Some(vehicle) => vehicle,
-                None => return,
-            },
-        };
+    /// A vehicle enters the road now.
+    fn enter(&mut self, road: u32, vehicle: u32) {
         let (_, headway_s) = self.state(road, self.time_s);
         let (_, at_end_s) = self.run(road, self.time_s, f64::INFINITY);
         let state = &mut self.vehicles[vehicle as usize];
@@ -294,7 +280,8 @@ impl<'m> Queues<'m> {
                 self.vehicles[head as usize].asks_since_s = Some(self.time_s);
                 let stuck = What::Stuck { road, vehicle: head };
                 self.schedule(self.time_s + STUCK_S, stuck);
-                self.ask(next, Waiting::HeadOf(road));
+                self.roads[next as usize].waiting.push_back(road);
+                self.schedule_admission(next);
             }
         }
     }
@@ -308,14 +295,15 @@ impl<'m> Queues<'m> {
         if let (true, Some(&next)) = (waits, state.onward.last()) {
             self.let_through += 1;
             self.withdraw(road, next);
-            self.enter(next, Waiting::HeadOf(road), arrived);
+            self.leave(road, arrived);
+            self.enter(next, vehicle);
         }
     }
 
     /// The head of a road no longer asks to enter another.
     fn withdraw(&mut self, road: u32, next: u32) {
         let waiting = &mut self.roads[next as usize].waiting;
-        waiting.retain(|&who| who != Waiting::HeadOf(road));
+        waiting.retain(|&other| other != road);
     }
 }
 
@@ -328,7 +316,8 @@ impl TrafficModel for Queues<'_> {
         let count = self.vehicles.len().max(vehicle as usize + 1);
         self.vehicles.resize_with(count, Vehicle::default);
         self.vehicles[vehicle as usize].onward = route.iter().rev().copied().collect();
-        self.ask(first, Waiting::Departing(vehicle));
+        self.roads[first as usize].departing.push_back(vehicle);
+        self.schedule_admission(first);
         Ok(())
     }
 
@@ -525,7 +514,7 @@ mod tests {
             from: index,
             to: (index + 1) % 3,
             length_m: 15.0,
-            free_speed_m_per_s: 10.0,
+            free_speed_m_per_s: 5.0,
             lanes: 1,
             capacity_veh_per_h: 1800.0,
             block: index,
@@ -545,6 +534,23 @@ mod tests {
         queues.advance(10.0 * STUCK_S, &mut arrived).unwrap();
         assert_eq!(arrived.len(), 6);
         assert!(queues.let_through() > 0);
+    }
+
+    #[test]
+    fn whoever_sets_out_gives_way() {
+        let map = chain(2, 600.0);
+        let incidents = Incidents::none(2);
+        let mut queues = Queues::new(&map, &incidents);
+        for n in 0..100 {
+            queues.depart(n, &[1]).unwrap();
+        }
+        for n in 100..110 {
+            queues.depart(n, &[0, 1]).unwrap();
+        }
+        let mut arrived = Vec::new();
+        queues.advance(300.0, &mut arrived).unwrap();
+        let on_the_road = arrived.iter().filter(|arrival| arrival.vehicle >= 100).count();
+        assert_eq!(on_the_road, 10, "{arrived:?}");
     }
 
     #[test]
