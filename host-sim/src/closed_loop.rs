@@ -72,6 +72,10 @@ pub fn built_in<'r>(roads: &Roads<'r>) -> Result<Box<dyn TrafficModel + 'r>> {
 pub struct CaseResult {
     /// Mean trip time in s.
     pub trip_time_s: Mean,
+    /// Vehicles on the roads, mean.
+    pub vehicles: f64,
+    /// Of them, those in a queue, slower than 5 km/h.
+    pub queued: Mean,
     /// Mean time since a road's newest known report, in s.
     pub road_age_s: f64,
     /// Flow over capacity, mean over roads.
@@ -88,9 +92,12 @@ impl CaseResult {
     fn new(outcomes: &[Outcome]) -> Self {
         let count = outcomes.len() as f64;
         let mean = |value: fn(&Outcome) -> f64| outcomes.iter().map(value).sum::<f64>() / count;
+        let queued: Vec<f64> = outcomes.iter().map(|outcome| outcome.queued).collect();
         let by_world: Vec<f64> = outcomes.iter().map(|outcome| outcome.trip_time_s).collect();
         Self {
             trip_time_s: AgeSummary::mean_and_interval(&by_world),
+            vehicles: mean(|outcome| outcome.vehicles),
+            queued: AgeSummary::mean_and_interval(&queued),
             road_age_s: mean(|outcome| outcome.road_age_s),
             v_over_c: mean(|outcome| outcome.v_over_c),
             unfinished: mean(|outcome| f64::from(outcome.unfinished) / f64::from(outcome.trips)),
@@ -150,8 +157,6 @@ pub struct LoopSummary {
     pub no_information: CaseResult,
     /// By delay in s.
     pub delayed: Vec<(f64, CaseResult)>,
-    /// Vehicles on the roads, mean.
-    pub vehicles: f64,
     /// Connected vehicles in a cell at the samples: mean over cells with any, and most.
     pub connected_in_cell: (f64, usize),
 }
@@ -347,7 +352,6 @@ pub fn closed_loop(
     for &delay_s in options.delays_s {
         delayed.push((delay_s, CaseResult::new(&all(own_speeds, delay_s)?)));
     }
-    let vehicles = detected.iter().map(|outcome| outcome.vehicles).sum::<f64>() / detected.len() as f64;
     Ok(LoopSummary {
         all_obey: CaseResult::new(&all_obey),
         full_knowledge: CaseResult::new(&full_knowledge),
@@ -356,7 +360,6 @@ pub fn closed_loop(
         policies,
         no_information: CaseResult::new(&no_information),
         delayed,
-        vehicles,
         connected_in_cell,
     })
 }

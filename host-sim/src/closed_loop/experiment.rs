@@ -259,7 +259,7 @@ impl LoopExperiment {
             "roads": town.map().roads().len(),
             "base_stations": town.stations_m().len(),
             "metres_per_unit": town.metres_per_coordinate(),
-            "vehicles": summary.vehicles,
+            "vehicles": summary.detected.vehicles,
             "connected_in_cell": summary.connected_in_cell.0,
             "most_connected_in_cell": summary.connected_in_cell.1,
             "cases": {
@@ -295,6 +295,9 @@ fn case_json(result: &CaseResult) -> Value {
     json!({
         "mean_travel_time_s": result.trip_time_s.0,
         "mean_travel_time_ci95_s": result.trip_time_s.1,
+        "vehicles": result.vehicles,
+        "queued_vehicles": result.queued.0,
+        "queued_vehicles_ci95": result.queued.1,
         "road_age_s": result.road_age_s,
         "mean_v_over_c": result.v_over_c,
         "unfinished_share": result.unfinished,

@@ -245,6 +245,7 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
             each().map(|row| row.loss.and_then(|(_, loss)| loss.1)),
         )
         .shown("+-95 %", "s", 2),
+        Column::number("queued_vehicles", each().map(|row| row.result.queued.0)).shown("queued", "", 0),
         Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
         Column::number("unfinished_share", each().map(|row| row.result.unfinished)).shown(
             "unfinished",
@@ -278,7 +279,7 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
          freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
     );
     table.note(
-        "V/C: vehicles that passed over capacity. Stuck: how often, for each trip, somebody was let into a full road after 300 s.",
+        "Queued: vehicles slower than 5 km/h. V/C: vehicles that passed over capacity. Stuck: how often, for each trip, somebody was let into a full road after 300 s.",
     );
     let unfinished = rows.iter().map(|row| row.result.unfinished).fold(0.0, f64::max);
     if unfinished > UNFINISHED {
@@ -302,7 +303,7 @@ fn description(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     format!(
         "{roads} roads under {stations}, {:.0} vehicles on them, {:.0} connected in a cell (at most {}), {} worlds x {minutes} min, \
          {} traffic, seed {}",
-        summary.vehicles,
+        summary.detected.vehicles,
         summary.connected_in_cell.0,
         summary.connected_in_cell.1,
         experiment.worlds,

@@ -13,6 +13,9 @@ use kit::error::Result;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+/// A vehicle that is slower between two looks stands in a queue, in m/s: 5 km/h, as the field counts.
+const QUEUE_M_PER_S: f64 = 5.0 / 3.6;
+
 /// Times of an hour, in s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Times {
@@ -97,6 +100,8 @@ pub struct Outcome {
     pub let_through: u64,
     /// Vehicles on the roads, mean over the looks that count.
     pub vehicles: f64,
+    /// Of them, those that stand in a queue: slower than 5 km/h since the look before.
+    pub queued: f64,
     /// Time in s since the newest known report of a road was measured, mean over roads and looks that count, at most an hour;
     /// roads never heard of count with the time since the start.
     pub road_age_s: f64,
@@ -155,6 +160,8 @@ struct Hour<'w, 't> {
     /// Everybody at the last look and at this one.
     before: Vec<OnRoad>,
     now: Vec<OnRoad>,
+    /// How many of them stand in a queue.
+    queued: u32,
     /// By road: way and time of everybody since the last look, and while trips count.
     lately: Vec<(f64, f64)>,
     in_all: Vec<(f64, f64)>,
@@ -194,13 +201,14 @@ pub fn run(
         underway: BinaryHeap::new(),
         before: Vec::new(),
         now: Vec::new(),
+        queued: 0,
         lately: vec![(0.0, 0.0); roads],
         in_all: vec![(0.0, 0.0); roads],
         passed: vec![0; roads],
         world,
     };
     let mut arrived = Vec::new();
-    let (mut vehicles, mut road_age_s, mut looks) = (0.0, 0.0, 0.0);
+    let (mut vehicles, mut queued, mut road_age_s, mut looks) = (0.0, 0.0, 0.0, 0.0);
     let mut look = 0_u32;
     loop {
         let last_s = f64::from(look) * look_s;
@@ -214,6 +222,7 @@ pub fn run(
         if world.times.counts(time_s) {
             looks += 1.0;
             vehicles += hour.now.len() as f64;
+            queued += f64::from(hour.queued);
             road_age_s += hour.road_age_s(time_s);
         }
         let all_gone = hour.travellers.len() == world.trips.len()
@@ -222,7 +231,12 @@ pub fn run(
             break;
         }
     }
-    Ok(hour.outcome(vehicles / looks, road_age_s / looks))
+    Ok(Outcome {
+        vehicles: vehicles / looks,
+        queued: queued / looks,
+        road_age_s: road_age_s / looks,
+        ..hour.outcome()
+    })
 }
 
 impl Hour<'_, '_> {
@@ -366,6 +380,8 @@ impl Hour<'_, '_> {
                 all.1 += lately.1;
             }
         }
+        let stand = driven.iter().filter(|(_, way_m)| *way_m < QUEUE_M_PER_S * look_s);
+        self.queued = stand.count() as u32;
         self.report(&driven, time_s, look_s);
         Ok(())
     }
@@ -423,7 +439,8 @@ impl Hour<'_, '_> {
         ages.sum::<f64>() / f64::from(roads)
     }
 
-    fn outcome(self, vehicles: f64, road_age_s: f64) -> Outcome {
+    /// What is known at the end; means over looks are not.
+    fn outcome(self) -> Outcome {
         let Times {
             warmup_s,
             horizon_s,
@@ -450,10 +467,9 @@ impl Hour<'_, '_> {
             trips,
             unfinished,
             let_through: self.traffic.let_through(),
-            vehicles,
-            road_age_s,
             speeds_m_per_s: self.in_all.iter().map(|(way_m, time_s)| way_m / time_s).collect(),
             v_over_c: v_over_c / self.in_all.len() as f64,
+            ..Outcome::default()
         }
     }
 }
