@@ -106,6 +106,24 @@ fn no_step_makes_the_result() {
 }
 
 #[test]
+fn what_has_no_effect_is_refused() {
+    for (arguments, expected) in [
+        (["--set", "mobility.standing_share=0.3"], "traffic moves them"),
+        (["--delay=5", "--delay=5"], "5 twice"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["loop", "--json"])
+            .args(arguments)
+            .output()
+            .unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(expected), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+    }
+}
+
+#[test]
 fn a_loaded_network_is_driven_at_its_size() {
     let fixture = |name: &str| {
         format!(

@@ -35,6 +35,20 @@ const DELAYS_S: [f64; 4] = [1.0, 10.0, 60.0, 300.0];
 /// Longest delay that can be asked for, in s.
 const MOST_DELAY_S: f64 = 86_400.0;
 
+/// Keys of a cell that moves its vehicles itself; here trips and traffic do.
+const MOVED_BY_THE_CELL: [&str; 10] = [
+    "mobility.min_speed_m_per_s",
+    "mobility.max_speed_m_per_s",
+    "mobility.turns",
+    "mobility.turn_probability",
+    "mobility.left_turn_share",
+    "mobility.right_turn_share",
+    "mobility.signal_cycle_s",
+    "mobility.signal_red_share",
+    "mobility.queue_spacing_m",
+    "mobility.standing_share",
+];
+
 kit::choices! {
     /// Who moves the vehicles of a loop.
     pub enum Traffic {
@@ -117,6 +131,14 @@ impl LoopSource {
         let too_long = |delay: &&f64| !(0.0..=MOST_DELAY_S).contains(*delay);
         if let Some(delay) = delays_s.iter().find(too_long) {
             return Err(Error::input("delay", delay, format!("0 to {MOST_DELAY_S} s")));
+        }
+        let twice = |&(n, delay): &(usize, &f64)| delays_s[..n].contains(delay);
+        if let Some((_, delay)) = delays_s.iter().enumerate().find(twice) {
+            return Err(Error::input("delay", format!("{delay} twice"), "each once"));
+        }
+        if let Some(key) = MOVED_BY_THE_CELL.iter().find(|key| self.scenario.sets_alone(key)) {
+            let expected = "a key that the loop has a use for: its vehicles move as traffic moves them";
+            return Err(Error::input("setting", *key, expected));
         }
         let table = WeightTable::read_or_built_in(self.table.as_deref())?;
         for policy in &policies {

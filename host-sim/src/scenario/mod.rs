@@ -160,7 +160,7 @@ keys! {
         /// From one vehicle of a queue to the next, and the least distance on a lane with signals.
         #[key(range = 0.0..=1000.0, unit = "m", source = "chosen: 5 m of vehicle, 2.5 m of gap")]
         pub queue_spacing_m: f64,
-        /// Share of the vehicles on the grid or on a network's streets that stand from the start, as in a jam or a depot. Without
+        /// Share of the vehicles on the grid that stand from the start, as in a jam or a depot. Without
         /// `fading.follows_speed` it changes places and shadowing alone.
         #[key(range = 0.0..=1.0, source = "chosen, the paper has none")]
         pub standing_share: f64,

@@ -80,6 +80,14 @@ impl ScenarioSource {
         }
     }
 
+    /// Whether a value or a setting of its own, not the preset or the file, gives a key.
+    pub fn sets_alone(&self, key: &str) -> bool {
+        let (section, name) = key.split_once('.').unwrap_or(("", key));
+        let values = self.values.get(section).and_then(Value::as_table);
+        let mut settings = self.settings.iter().filter_map(|setting| setting.split_once('='));
+        values.is_some_and(|values| values.contains_key(name)) || settings.any(|(set, _)| set.trim() == key)
+    }
+
     /// Reads and checks the scenario.
     ///
     /// # Errors
