@@ -384,3 +384,30 @@ fn bad_tables_are_named_and_nothing_is_written() {
         assert!(!folder.path().join("out").exists());
     }
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_stream_that_takes_nothing_stops_no_work() {
+    use std::process::Stdio;
+    let full = || Stdio::from(std::fs::File::options().write(true).open("/dev/full").unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let run = |out: &str, stdout: Stdio, stderr: Stdio| {
+        let out = folder.path().join(out);
+        let status = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["--worlds", "1", "--slots", "50", "--policy", "clock", "--out"])
+            .arg(&out)
+            .stdout(stdout)
+            .stderr(stderr)
+            .status()
+            .unwrap();
+        assert!(out.join("report.html").is_file());
+        status.code()
+    };
+    assert_eq!(run("full", full(), Stdio::null()), Some(2));
+    assert_eq!(run("unheard", full(), full()), Some(2));
+    assert_eq!(run("silent", Stdio::null(), full()), Some(0));
+    // Nobody reads any more.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    assert_eq!(run("left", writer.into(), Stdio::null()), Some(0));
+}

@@ -189,7 +189,7 @@ impl Plan {
                 let run = pool.install(|| self.carry_out_one(out, case, seed))?;
                 if !conduct.quiet {
                     let greedy = run.greedy().map_or(f64::NAN, |form| form.mean_age_ms);
-                    eprintln!("{}, seed {seed}: {greedy:.3} ms", self.case[case].name);
+                    kit::remark!("{}, seed {seed}: {greedy:.3} ms", self.case[case].name);
                 }
                 if let Ok(mut results) = results.lock() {
                     results.push(run);

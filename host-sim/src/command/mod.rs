@@ -16,7 +16,8 @@ pub mod sweep;
 
 use clap::error::ErrorKind;
 use kit::error::Result;
-use kit::say;
+use kit::output;
+use kit::{remark, say};
 use std::process::ExitCode;
 
 /// Reads the command line. Help and version go to stdout as they are; anything wrong becomes one line on stderr and exit
@@ -28,9 +29,9 @@ pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
     P::try_parse().map_err(|error| {
         if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
             say!("{}", error.to_string().trim_end());
-            return ExitCode::SUCCESS;
+            return finish(Ok(()));
         }
-        eprintln!("{}", one_line(&error));
+        remark!("{}", one_line(&error));
         ExitCode::from(2)
     })
 }
@@ -61,12 +62,17 @@ pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -
     Ok(())
 }
 
-/// Ends a command: an error becomes one line on stderr and exit code 2.
+/// Ends a command: an error, also a standard output that took not everything, becomes one line on stderr and exit code 2.
 pub fn finish(outcome: Result<()>) -> ExitCode {
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
+    let unsaid = output::failure().map(|kind| format!("standard output: {kind}"));
+    let error = match outcome {
+        Ok(()) => unsaid,
+        Err(error) => Some(error.to_string()),
+    };
+    match error {
+        None => ExitCode::SUCCESS,
+        Some(error) => {
+            remark!("error: {error}");
             ExitCode::from(2)
         }
     }

@@ -69,7 +69,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
         Progress::NoCheckpoint if quiet => {}
         Progress::NoCheckpoint => {
             let path = RunFolder::new(&arguments.out).checkpoint();
-            eprintln!("{}: no checkpoint, the run begins anew", path.display());
+            kit::remark!("{}: no checkpoint, the run begins anew", path.display());
         }
         Progress::Episode { done, metrics } => {
             if let Some(display) = &mut display {
@@ -148,7 +148,7 @@ impl Display {
         let left_s = (self.length - done) as f64 / rate;
         let length = self.length;
         self.bar.suspend(|| {
-            eprintln!("episode {done}/{length}: {text}; {rate:.2} episodes/s, {left_s:.0} s left");
+            kit::remark!("episode {done}/{length}: {text}; {rate:.2} episodes/s, {left_s:.0} s left");
         });
     }
 }
