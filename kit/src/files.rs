@@ -1,6 +1,9 @@
-//! Texts with their names; output files appear whole or not at all.
+//! Texts with their names; output files appear whole or not at all, also when the power goes: contents are on the disk before
+//! a name points at them, and names before the work is called done.
 
 use crate::error::{Error, Result};
+use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
@@ -42,7 +45,6 @@ impl Text {
 /// # Errors
 /// [`Error::File`] names the folder.
 pub fn check_folder(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).map_err(|source| Error::file(folder, source))?;
     stage(&folder.join("probe"), &[])
         .map(drop)
         .map_err(|error| match error {
@@ -78,7 +80,7 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<()> {
     {
         return std::fs::write(path, contents).map_err(|source| Error::file(path, source));
     }
-    publish(stage(path, contents)?, path)
+    publish(vec![(stage(path, contents)?, path.to_owned())])
 }
 
 /// Writes a set of files to a folder: none is published before all are complete.
@@ -94,9 +96,7 @@ pub fn write_set(folder: &Path, files: &[(String, impl AsRef<[u8]>)]) -> Result<
         }
         staged.push((stage(&path, contents.as_ref())?, path));
     }
-    staged
-        .into_iter()
-        .try_for_each(|(file, path)| publish(file, &path))
+    publish(staged)
 }
 
 /// A line on where a set went, and which of its files to open first.
@@ -113,13 +113,10 @@ pub fn written(folder: &Path, first: &str, files: &[NamedText]) -> String {
     )
 }
 
-/// A complete temporary file beside `path`; it vanishes unless it is published.
+/// A complete temporary file beside `path`, on the disk; it vanishes unless it is published.
 fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    std::fs::create_dir_all(folder).map_err(|source| Error::file(folder, source))?;
+    let folder = parent(path);
+    make_folder(folder)?;
     let mut builder = tempfile::Builder::new();
     let _same = builder.suffix(".partial");
     // A temporary file is private; what is published has the permissions that the user's umask gives.
@@ -129,13 +126,106 @@ fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
     let mut file = builder
         .tempfile_in(folder)
         .map_err(|source| Error::file(folder, source.kind().into()))?;
-    file.write_all(contents)
-        .map_err(|source| Error::file(path, source))?;
+    let in_file = |source: std::io::Error| Error::file(path, source.kind().into());
+    file.write_all(contents).map_err(in_file)?;
+    file.as_file().sync_all().map_err(in_file)?;
+    done(Step::Contents, path);
     Ok(file)
 }
 
-fn publish(file: NamedTempFile, path: &Path) -> Result<()> {
-    file.persist(path)
-        .map(drop)
-        .map_err(|failure| Error::file(path, failure.error))
+/// Gives complete files their names.
+fn publish(files: Vec<(NamedTempFile, PathBuf)>) -> Result<()> {
+    let mut folders = BTreeSet::new();
+    for (file, path) in files {
+        file.persist(&path)
+            .map_err(|failure| Error::file(&path, failure.error))?;
+        done(Step::Name, &path);
+        let _new = folders.insert(parent(&path).to_owned());
+    }
+    folders.iter().try_for_each(|folder| sync_folder(folder))
+}
+
+/// The folder of a file.
+fn parent(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Makes a folder and those above it, where they are missing.
+fn make_folder(folder: &Path) -> Result<()> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    make_folder(parent(folder))?;
+    match std::fs::create_dir(folder) {
+        Err(source) if source.kind() != ErrorKind::AlreadyExists || !folder.is_dir() => {
+            Err(Error::file(folder, source))
+        }
+        _ => sync_folder(parent(folder)),
+    }
+}
+
+/// Brings a folder's names to the disk, where the system can.
+fn sync_folder(folder: &Path) -> Result<()> {
+    if !cfg!(unix) {
+        return Ok(());
+    }
+    done(Step::Folder, folder);
+    match File::open(folder).and_then(|opened| opened.sync_all()) {
+        // Some network file systems know no such thing.
+        Err(source) if !matches!(source.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {
+            Err(Error::file(folder, source))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What matters to the order in which things reach the disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// A file's contents are on the disk.
+    Contents,
+    /// A file has its name.
+    Name,
+    /// A folder's names are on the disk.
+    Folder,
+}
+
+/// Notes a step, in tests.
+fn done(_step: Step, _path: &Path) {
+    #[cfg(test)]
+    tests::STEPS.with_borrow_mut(|steps| steps.push((_step, _path.to_owned())));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    thread_local! {
+        pub(super) static STEPS: RefCell<Vec<(Step, PathBuf)>> = const { RefCell::new(Vec::new()) };
+    }
+
+    #[test]
+    fn nothing_has_a_name_before_its_contents_are_on_the_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let new = folder.path().join("new/below");
+        write_set(&new, &[("a".to_owned(), "1"), ("b".to_owned(), "2")]).unwrap();
+        let steps = STEPS.take();
+        let names = |step: &(Step, PathBuf)| (step.0, step.1.strip_prefix(folder.path()).unwrap().to_owned());
+        let found: Vec<(Step, PathBuf)> = steps.iter().map(names).collect();
+        let expected = [
+            (Step::Folder, ""),
+            (Step::Folder, "new"),
+            (Step::Contents, "new/below/a"),
+            (Step::Contents, "new/below/b"),
+            (Step::Name, "new/below/a"),
+            (Step::Name, "new/below/b"),
+            (Step::Folder, "new/below"),
+        ];
+        assert_eq!(found, expected.map(|(step, path)| (step, path.into())));
+        assert_eq!(std::fs::read_to_string(new.join("b")).unwrap(), "2");
+    }
 }
