@@ -77,6 +77,12 @@ impl WorldAges {
         Mean::of_all(&self.by_vehicle).value()
     }
 
+    /// Whether both ways to add up the ages give the same.
+    fn agrees(&self) -> bool {
+        let sum: u64 = (0..).zip(&self.histogram).map(|(age, count)| age * count).sum();
+        sum == Mean::of_all(&self.by_vehicle).sum
+    }
+
     /// The same of ages that do not saturate at T.
     pub fn uncapped_mean(&self) -> Option<f64> {
         Mean::of_all(&self.uncapped).value()
@@ -95,7 +101,7 @@ pub struct AgeCounter {
     /// Vehicles in each slot from the start.
     start_counts: Vec<u64>,
     /// Sum over slots after warm-up. `[vehicle][world]`.
-    by_vehicle: Rows<u32>,
+    by_vehicle: Rows<u64>,
     /// The same of ages that do not saturate at T.
     uncapped: Rows<u64>,
     /// Slots after warm-up in which a vehicle was present in some world.
@@ -237,11 +243,13 @@ impl AgeCounter {
                     count(slots_absent, start, 1);
                 }
                 if warm && here {
-                    count(&mut self.by_vehicle, vehicle, age.into());
-                    let sum = self.uncapped.get(world, vehicle) + u64::from(uncapped);
-                    self.uncapped.set(world, vehicle, sum);
-                    let seen = self.histogram.get(world, usize::from(age));
-                    self.histogram.set(world, usize::from(age), seen + 1);
+                    for (rows, item, more) in [
+                        (&mut self.by_vehicle, vehicle, u64::from(age)),
+                        (&mut self.uncapped, vehicle, u64::from(uncapped)),
+                        (&mut self.histogram, usize::from(age), 1),
+                    ] {
+                        rows.set(world, item, rows.get(world, item) + more);
+                    }
                 } else if warm {
                     count(vehicle_absent, vehicle, 1);
                 }
@@ -278,7 +286,7 @@ impl AgeCounter {
                     mean(self.start.get(world, slot).into(), count)
                 })
                 .collect(),
-            by_vehicle: by_vehicle(world, &|vehicle| self.by_vehicle.get(world, vehicle).into()),
+            by_vehicle: by_vehicle(world, &|vehicle| self.by_vehicle.get(world, vehicle)),
             uncapped: by_vehicle(world, &|vehicle| self.uncapped.get(world, vehicle)),
             successes: self.successes.get(world, 0),
             slots: self.slots,
@@ -288,7 +296,9 @@ impl AgeCounter {
             peak_ages: self.peak_ages.get(world, 0),
             joiner_waits: Vec::new(),
         };
-        (0..self.worlds).map(world).collect()
+        let worlds: Vec<WorldAges> = (0..self.worlds).map(world).collect();
+        debug_assert!(worlds.iter().all(WorldAges::agrees), "a sum of ages ran over");
+        worlds
     }
 }
 
@@ -590,6 +600,20 @@ mod tests {
             "no age is beyond T"
         );
         assert_eq!(AgeSummary::new(&AgeCounter::new(5, 1, 1).worlds()), None);
+    }
+
+    #[test]
+    fn a_hundred_million_slots_add_up() {
+        let mut counter = AgeCounter::new(0, 1, 1);
+        let before = 99_999_999;
+        counter.by_vehicle.set(0, 0, 100 * before);
+        counter.uncapped.set(0, 0, u64::from(u16::MAX) * before);
+        counter.histogram.set(0, 100, before);
+        counter.presence[0] = before;
+        counter.record_all(Vectors::widest(), 0, &[0], &Rows::new(1, 1, u16::MAX));
+        let worlds = counter.worlds();
+        assert_eq!(worlds[0].mean(), Some(100.0));
+        assert_eq!(worlds[0].uncapped_mean(), Some(f64::from(u16::MAX)));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 /// Slots before ages count, from the start and again after every change by hand: the command line's default.
 const WARMUP_SLOTS: u32 = 500;
 
-/// Slots of a session: sums of ages up to 100 stay within 32 bits.
+/// Slots of a session (chosen: eleven hours).
 const MOST_SLOTS: u32 = 40_000_000;
 
 /// Slots whose use of the sub-channels is kept for drawing (chosen).
