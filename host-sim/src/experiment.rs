@@ -205,7 +205,7 @@ impl Experiment {
         self.policies.iter().map(result).collect()
     }
 
-    /// The JSON object of a run.
+    /// The JSON object of a run, the same whenever it is run.
     pub fn to_json(&self, results: &[PolicyResult]) -> Value {
         let vehicles = self.source.vehicles(&self.scenario);
         let policies: Vec<Value> = results
@@ -226,7 +226,7 @@ impl Experiment {
             name,
             ages,
             traffic,
-            slots_per_second,
+            slots_per_second: _,
         } = result;
         let per_vehicle: Vec<Value> = ages
             .by_vehicle
@@ -264,7 +264,6 @@ impl Experiment {
             "joiners": ages.joiners.map(|joiners| joiners.count),
             "joiner_first_success_median_slots": ages.joiners.and_then(|joiners| joiners.median_slots),
             "joiner_first_success_p90_slots": ages.joiners.and_then(|joiners| joiners.p90_slots),
-            "slots_per_second": slots_per_second,
             "traffic": traffic.as_ref().map(TrafficSummary::to_json),
             "per_vehicle": per_vehicle,
         })

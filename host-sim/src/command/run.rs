@@ -8,6 +8,7 @@ use crate::threads::thread_pool;
 use kit::error::Result;
 use kit::files;
 use kit::say;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Options of `run`.
@@ -67,6 +68,9 @@ pub struct RunOptions {
     /// Print one JSON object and nothing else; write no files
     #[arg(long)]
     pub json: bool,
+    /// Say in the JSON object how fast each policy ran; without it equal runs give equal bytes
+    #[arg(long)]
+    pub timing: bool,
 }
 
 impl RunOptions {
@@ -99,6 +103,16 @@ impl RunOptions {
     }
 }
 
+/// The JSON object of a run; with `timing` it has each policy's `slots_per_second`.
+pub fn json(experiment: &Experiment, results: &[PolicyResult], timing: bool) -> Value {
+    let mut object = experiment.to_json(results);
+    let policies = object["policies"].as_array_mut().filter(|_| timing);
+    for (policy, result) in policies.into_iter().flatten().zip(results) {
+        policy["slots_per_second"] = result.slots_per_second.into();
+    }
+    object
+}
+
 /// The results of an experiment, with a progress bar.
 ///
 /// # Errors
@@ -128,7 +142,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     }
     let results =
         thread_pool(options.threads)?.install(|| results_with_progress(&experiment, options.json))?;
-    let object = experiment.to_json(&results);
+    let object = json(&experiment, &results, options.timing);
     if options.json {
         say!("{object}");
         return Ok(());

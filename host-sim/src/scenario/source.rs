@@ -4,7 +4,7 @@ use super::Scenario;
 use kit::choice::Choice as _;
 use kit::error::Result;
 use kit::keys::{listed, nearest};
-use kit::layers::Layers;
+use kit::layers::{Layers, sets};
 use std::path::PathBuf;
 use toml::{Table, Value};
 
@@ -84,8 +84,8 @@ impl ScenarioSource {
     pub fn sets_alone(&self, key: &str) -> bool {
         let (section, name) = key.split_once('.').unwrap_or(("", key));
         let values = self.values.get(section).and_then(Value::as_table);
-        let mut settings = self.settings.iter().filter_map(|setting| setting.split_once('='));
-        values.is_some_and(|values| values.contains_key(name)) || settings.any(|(set, _)| set.trim() == key)
+        values.is_some_and(|values| values.contains_key(name))
+            || self.settings.iter().any(|setting| sets(setting, key))
     }
 
     /// Reads and checks the scenario.

@@ -3,7 +3,7 @@
 
 use crate::run_folder::RunFolder;
 use host_sim::age::AgeSummary;
-use host_sim::command::run::{RunOptions, results_with_progress};
+use host_sim::command::run::{self, RunOptions, results_with_progress};
 use host_sim::policy::{actor, clock};
 use host_sim::thread_pool;
 use kit::error::{Error, Result};
@@ -76,7 +76,7 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
     let experiment = options.source().read()?;
     let pool = thread_pool(options.threads)?;
     let results = pool.install(|| results_with_progress(&experiment, options.json))?;
-    let mut object = experiment.to_json(&results);
+    let mut object = run::json(&experiment, &results, options.timing);
     // The actor comes first in any list of policies.
     let [actor, others @ ..] = results.as_slice() else {
         return Err(Error::input("policies", "none", "at least one besides the actor"));

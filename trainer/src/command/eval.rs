@@ -8,7 +8,7 @@ use crate::trained_actors::TrainedActors;
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::command::options::progress_bar;
-use host_sim::command::run::{RunOptions, results_with_progress};
+use host_sim::command::run::{self, RunOptions, results_with_progress};
 use host_sim::experiment::{Experiment, ExperimentSource, PolicyResult};
 use host_sim::policy::{KINDS, actor, central};
 use host_sim::report::ages;
@@ -47,7 +47,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let Some(folder) = &arguments.run else {
         let experiment = source.read()?;
         let results = pool.install(|| results_with_progress(&experiment, options.json))?;
-        report(&experiment, &results, None, None, options.json)?;
+        report(options, &experiment, &results, None, None)?;
         return Ok(());
     };
     let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
@@ -65,7 +65,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let (mut results, agreement) = pool.install(|| trained_results(&experiment, &trained, options.json))?;
     results.extend(pool.install(|| results_with_progress(&experiment, options.json))?);
     let obstacle = trained.obstacle.as_ref();
-    report(&experiment, &results, agreement, obstacle, options.json)
+    report(options, &experiment, &results, agreement, obstacle)
 }
 
 /// Puts the run's scenario below the user's settings.
@@ -153,13 +153,14 @@ fn trained_results(
 }
 
 fn report(
+    options: &RunOptions,
     experiment: &Experiment,
     results: &[PolicyResult],
     agreement: Option<f64>,
     obstacle: Option<&Error>,
-    json: bool,
 ) -> Result<()> {
-    let mut object = experiment.to_json(results);
+    let json = options.json;
+    let mut object = run::json(experiment, results, options.timing);
     let mean = |name: &str| {
         results
             .iter()
