@@ -418,7 +418,7 @@ fn bad_grids_and_shards_are_one_line_each() {
 }
 
 #[test]
-fn other_grids_and_damaged_results_are_named_never_merged() {
+fn other_grids_are_refused_and_damaged_results_computed_again() {
     let bench = Bench::new(SMALL);
     let _object = bench.json("sweep", "out", &[]);
     bench.write(&SMALL.replace("slots = 30", "slots = 31"));
@@ -437,22 +437,22 @@ fn other_grids_and_damaged_results_are_named_never_merged() {
     let whole = std::fs::read(&file).unwrap();
     let damaged = |bytes: &[u8]| {
         std::fs::write(&file, bytes).unwrap();
-        let messages = ["sweep", "merge"].map(|command| bench.refusal(command, "out", &["--json"]));
-        assert_eq!(messages[0], messages[1]);
+        let merged = bench.output("merge", "out", &[]);
+        assert_eq!(merged.status.code(), Some(2));
+        let message = String::from_utf8(merged.stderr).unwrap();
+        let lines: Vec<&str> = message.lines().collect();
         assert!(
-            messages[0].starts_with("error: out/points/000/000005.json: found "),
-            "{}",
-            messages[0]
+            lines[0].contains("out/points/000/000005.json: found "),
+            "{message}"
         );
-        assert!(
-            messages[0]
-                .ends_with("expected a result with its checksum; delete the file and run its shard again")
-        );
-        assert!(
-            bench
-                .refusal("merge", "out", &["--allow-missing"])
-                .contains("000005.json")
-        );
+        assert!(lines[0].ends_with("it counts as missing"), "{message}");
+        assert!(lines[1].contains("1 of 12 points missing: 5"), "{message}");
+        assert!(!bench.path("out/merged.csv").exists());
+        let swept = bench.output("sweep", "out", &["--json"]);
+        let message = String::from_utf8(swept.stderr).unwrap();
+        assert!(message.trim_end().ends_with("it is computed again"), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        assert_eq!(std::fs::read(&file).unwrap(), whole);
     };
     for position in [10, whole.len() / 2, whole.len() - 3] {
         let mut flipped = whole.clone();
@@ -464,10 +464,12 @@ fn other_grids_and_damaged_results_are_named_never_merged() {
     damaged(&[]);
     // A whole result in the wrong place.
     damaged(&std::fs::read(bench.path("out/points/000/000006.json")).unwrap());
-    assert!(!bench.path("out/merged.csv").exists());
-    std::fs::remove_file(&file).unwrap();
-    assert_eq!(bench.json("sweep", "out", &[])["computed"], 1);
-    assert_eq!(std::fs::read(&file).unwrap(), whole);
+    // A manifest that is no more is written anew.
+    let manifest = bench.path("out/grid.json");
+    let said = std::fs::read(&manifest).unwrap();
+    std::fs::write(&manifest, []).unwrap();
+    assert_eq!(bench.json("sweep", "out", &[])["skipped"], 12);
+    assert_eq!(std::fs::read(&manifest).unwrap(), said);
 }
 
 /// 6 points of two short hours on four blocks.

@@ -3,10 +3,19 @@
 
 use crate::error::{Error, Result};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tempfile::NamedTempFile;
+
+/// What names of files begin and end with that are not complete yet.
+const PREFIX: &str = ".tmp";
+const SUFFIX: &str = ".partial";
+
+/// Longest time from the making of a file to its lock (chosen).
+const JUST_NOW: Duration = Duration::from_secs(1);
 
 /// A file's name and contents.
 pub type NamedText = (String, String);
@@ -40,17 +49,41 @@ impl Text {
     }
 }
 
-/// Checks, before long work, that files can be written to a folder, which is made if missing.
+/// Checks, before long work, that files can be written to a folder, which is made if missing and [swept up](sweep_up) if not.
 ///
 /// # Errors
 /// [`Error::File`] names the folder.
 pub fn check_folder(folder: &Path) -> Result<()> {
+    sweep_up(folder);
     stage(&folder.join("probe"), &[])
         .map(drop)
         .map_err(|error| match error {
             Error::File { source, .. } => Error::file(folder, source),
             other => other,
         })
+}
+
+/// Removes what killed programs have left half-written in a folder. A file that somebody still writes is locked, and stays.
+pub fn sweep_up(folder: &Path) {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let partial = |path: &PathBuf| {
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
+        name.starts_with(PREFIX) && name.ends_with(SUFFIX)
+    };
+    for path in files.map(|file| file.path()).filter(partial) {
+        let abandoned = File::open(&path).is_ok_and(|file| {
+            let age = file
+                .metadata()
+                .and_then(|data| data.modified())
+                .map(|time| time.elapsed());
+            // Not yet locked, if it was made just now.
+            matches!(age, Ok(Ok(age)) if age > JUST_NOW) && file.try_lock().is_ok()
+        });
+        if abandoned {
+            // Another program may have been faster.
+            let _removed = std::fs::remove_file(&path);
+        }
+    }
 }
 
 /// Refuses an output that is one of the inputs.
@@ -118,7 +151,7 @@ fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
     let folder = parent(path);
     make_folder(folder)?;
     let mut builder = tempfile::Builder::new();
-    let _same = builder.suffix(".partial");
+    let _same = builder.prefix(PREFIX).suffix(SUFFIX);
     // A temporary file is private; what is published has the permissions that the user's umask gives.
     #[cfg(unix)]
     let _same = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -127,6 +160,8 @@ fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
         .tempfile_in(folder)
         .map_err(|source| Error::file(folder, source.kind().into()))?;
     let in_file = |source: std::io::Error| Error::file(path, source.kind().into());
+    // Where files cannot be locked, nobody sweeps them up either.
+    let _locked = file.as_file().lock();
     file.write_all(contents).map_err(in_file)?;
     file.as_file().sync_all().map_err(in_file)?;
     done(Step::Contents, path);
@@ -206,6 +241,25 @@ mod tests {
 
     thread_local! {
         pub(super) static STEPS: RefCell<Vec<(Step, PathBuf)>> = const { RefCell::new(Vec::new()) };
+    }
+
+    #[test]
+    fn what_nobody_writes_any_more_is_swept_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let name = |name: &str| folder.path().join(name);
+        let long_ago = std::time::SystemTime::now() - 10 * JUST_NOW;
+        let make = |name: &str| {
+            let file = File::create(folder.path().join(name)).unwrap();
+            file.set_modified(long_ago).unwrap();
+            file
+        };
+        drop(make(".tmpDead.partial"));
+        drop(make("a.partial"));
+        let written = make(".tmpLive.partial");
+        written.lock().unwrap();
+        check_folder(folder.path()).unwrap();
+        assert!(!name(".tmpDead.partial").exists());
+        assert!(name("a.partial").exists() && name(".tmpLive.partial").exists());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::sweep::figure;
 use crate::sweep::merged::{Merged, listed};
 use kit::error::{Error, Result};
 use kit::files;
-use kit::say;
+use kit::{remark, say};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -36,7 +36,7 @@ pub struct MergeArguments {
 /// Reads, checks and writes.
 ///
 /// # Errors
-/// A folder of another grid, a damaged result, or missing points; nothing is written then.
+/// A folder of another grid, or missing points, to which damaged results belong; nothing is written then.
 pub fn run(arguments: &MergeArguments) -> Result<()> {
     let grid = arguments.grid.read()?;
     let folders = match arguments.results.as_slice() {
@@ -53,6 +53,9 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
         stores.push(store);
     }
     let merged = Merged::read(&grid, &stores)?;
+    for error in &merged.damaged {
+        remark!("{error}; it counts as missing");
+    }
     let mut object = json!({
         "grid": stores[0].fingerprint(),
         "points": grid.points(),

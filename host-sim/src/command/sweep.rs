@@ -2,10 +2,10 @@
 
 use crate::command::options::progress_bar;
 use crate::shard::Shard;
-use crate::sweep::{Grid, Outcome, Point, Store};
+use crate::sweep::{Grid, Kept, Outcome, Point, Store};
 use crate::threads::thread_pool;
 use kit::error::{Error, Result};
-use kit::say;
+use kit::{remark, say};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
@@ -65,7 +65,7 @@ pub struct SweepArguments {
 /// Computes what is missing.
 ///
 /// # Errors
-/// The first input that does not fit, before anything is written; a damaged result; a folder that cannot be written.
+/// The first input that does not fit, before anything is written; a folder that cannot be written.
 pub fn run(arguments: &SweepArguments) -> Result<()> {
     let grid = arguments.grid.read()?;
     let store = Store::new(&arguments.out, &grid)?;
@@ -75,9 +75,13 @@ pub fn run(arguments: &SweepArguments) -> Result<()> {
     for index in shard.of(grid.points()) {
         let point = grid.point(index);
         drop(grid.task(&point)?);
-        match store.outcome(index)? {
-            Some(_) => done += 1,
-            None => waiting.push(point),
+        match store.kept(index)? {
+            Kept::Outcome(_) => done += 1,
+            Kept::Nothing => waiting.push(point),
+            Kept::Damaged(error) => {
+                remark!("{error}; it is computed again");
+                waiting.push(point);
+            }
         }
     }
     store.begin()?;

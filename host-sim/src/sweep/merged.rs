@@ -1,7 +1,7 @@
 //! All results of a grid as one table, in the grid's order.
 
 use super::axis::{Kind, POLICY, SEED, text};
-use super::{Grid, Outcome, Point, Store};
+use super::{Grid, Kept, Outcome, Point, Store};
 use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use toml::Value;
@@ -12,23 +12,31 @@ pub struct Merged {
     pub present: Vec<(Point, Outcome)>,
     /// Indices of the points without.
     pub missing: Vec<usize>,
+    /// Files that are no results.
+    pub damaged: Vec<Error>,
 }
 
 impl Merged {
     /// Reads every result. A point may lie in several folders if its outcomes agree.
     ///
     /// # Errors
-    /// The first damaged file, or a point with two outcomes.
+    /// A file that cannot be read, or a point with two outcomes.
     pub fn read(grid: &Grid, stores: &[Store]) -> Result<Self> {
         let mut merged = Self {
             present: Vec::new(),
             missing: Vec::new(),
+            damaged: Vec::new(),
         };
         for index in 0..grid.points() {
             let mut found: Option<(&Store, Outcome)> = None;
             for store in stores {
-                let Some(outcome) = store.outcome(index)? else {
-                    continue;
+                let outcome = match store.kept(index)? {
+                    Kept::Outcome(outcome) => outcome,
+                    Kept::Nothing => continue,
+                    Kept::Damaged(error) => {
+                        merged.damaged.push(error);
+                        continue;
+                    }
                 };
                 match &found {
                     Some((first, other)) if *other != outcome => {

@@ -16,4 +16,4 @@ pub mod store;
 pub use grid::{Grid, Point};
 pub use outcome::Outcome;
 pub use settings::Settings;
-pub use store::Store;
+pub use store::{Kept, Store};

@@ -8,7 +8,7 @@
 use super::commands::Command;
 use super::{Grid, Outcome};
 use kit::error::{Error, Result};
-use kit::files::{check_folder, write_whole};
+use kit::files::{check_folder, sweep_up, write_whole};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -39,6 +39,17 @@ struct Record {
     outcome: Outcome,
 }
 
+/// What a folder has of a point.
+#[derive(Debug)]
+pub enum Kept {
+    /// Nothing.
+    Nothing,
+    /// A file that is not this point's result, as it was written; the error names it. It counts as nothing.
+    Damaged(Error),
+    /// Its outcome.
+    Outcome(Outcome),
+}
+
 /// The results of one grid in one folder.
 #[derive(Clone, Debug)]
 pub struct Store {
@@ -60,24 +71,16 @@ impl Store {
             fingerprint: grid.fingerprint()?,
             points: grid.points(),
         };
-        if let Some(text) = read(&store.manifest_path())? {
-            let place = store.manifest_path();
-            let found = serde_json::from_str::<Manifest>(&text).map_err(|error| {
-                Error::input(
-                    place.display(),
-                    error,
-                    "a grid's fingerprint and number of points",
-                )
-            })?;
-            if found != store.manifest() {
-                return Err(Error::input(
-                    folder.display(),
-                    format!("results of another grid ({})", found.fingerprint),
-                    format!("those of {} ({})", grid.path().display(), store.fingerprint),
-                ));
-            }
+        let manifest = read(&store.manifest_path())?;
+        // Every point says its grid too: a damaged manifest is written anew.
+        match manifest.and_then(|text| serde_json::from_str::<Manifest>(&text).ok()) {
+            Some(found) if found != store.manifest() => Err(Error::input(
+                folder.display(),
+                format!("results of another grid ({})", found.fingerprint),
+                format!("those of {} ({})", grid.path().display(), store.fingerprint),
+            )),
+            _ => Ok(store),
         }
-        Ok(store)
     }
 
     /// Whether a sweep of the grid was begun here.
@@ -96,43 +99,45 @@ impl Store {
     /// If the folder cannot be written.
     pub fn begin(&self) -> Result<()> {
         check_folder(&self.folder)?;
+        for folder in 0..self.points.div_ceil(FILES_PER_FOLDER) {
+            sweep_up(&self.points_folder(folder));
+        }
         write_whole(&self.manifest_path(), &line(&self.manifest())?)
     }
 
-    /// A point's outcome, if there is one.
+    /// What there is of a point.
     ///
     /// # Errors
-    /// A file that cannot be read, is damaged, or belongs to another grid or point; its place names it.
-    pub fn outcome(&self, point: usize) -> Result<Option<Outcome>> {
+    /// A file that cannot be read.
+    pub fn kept(&self, point: usize) -> Result<Kept> {
         let path = self.point_path(point);
         let Some(text) = read(&path)? else {
-            return Ok(None);
+            return Ok(Kept::Nothing);
         };
-        let damaged = |found: String| {
-            let expected = "a result with its checksum; delete the file and run its shard again";
-            Error::input(path.display(), found, expected)
-        };
+        Ok(match self.outcome(&text, point) {
+            Ok(outcome) => Kept::Outcome(outcome),
+            Err(found) => Kept::Damaged(Error::input(path.display(), found, "a result with its checksum")),
+        })
+    }
+
+    /// The outcome in a point's file, or what stands there instead.
+    fn outcome(&self, text: &str, point: usize) -> std::result::Result<Outcome, String> {
         let (body, sum) = text
             .strip_suffix('\n')
             .and_then(|text| text.split_once("\ncrc64 "))
-            .ok_or_else(|| damaged("no checksum".to_owned()))?;
+            .ok_or("no checksum")?;
         let actual = checksum(body.as_bytes());
         if actual != sum {
-            return Err(damaged(format!(
-                "bytes of checksum {actual} where the file says {sum}"
-            )));
+            return Err(format!("bytes of checksum {actual} where the file says {sum}"));
         }
-        let record: Record = serde_json::from_str(body).map_err(|error| damaged(error.to_string()))?;
+        let record: Record = serde_json::from_str(body).map_err(|error| error.to_string())?;
         if (record.grid.as_str(), record.point) != (self.fingerprint.as_str(), point) {
-            return Err(damaged(format!("point {} of grid {}", record.point, record.grid)));
+            return Err(format!("point {} of grid {}", record.point, record.grid));
         }
         if !record.outcome.fits(self.command) {
-            return Err(damaged(format!(
-                "other numbers than those of {}",
-                self.command.name
-            )));
+            return Err(format!("other numbers than those of {}", self.command.name));
         }
-        Ok(Some(record.outcome))
+        Ok(record.outcome)
     }
 
     /// Keeps a point's outcome, whole.
@@ -163,8 +168,12 @@ impl Store {
 
     /// Where a point's outcome lies.
     pub fn point_path(&self, point: usize) -> PathBuf {
-        self.folder
-            .join(format!("points/{:03}/{point:06}.json", point / FILES_PER_FOLDER))
+        let folder = self.points_folder(point / FILES_PER_FOLDER);
+        folder.join(format!("{point:06}.json"))
+    }
+
+    fn points_folder(&self, index: usize) -> PathBuf {
+        self.folder.join(format!("points/{index:03}"))
     }
 }
 
