@@ -4,16 +4,29 @@ use crate::actor_file;
 use crate::configuration::Configuration;
 use crate::laboratory::actors::Actors;
 use crate::laboratory::checkpoint::first_difference;
+use crate::laboratory::state::State;
 use kit::error::{Error, Result};
 use kit::files::{check_folder, write_whole};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Names of the files in a run folder.
 #[derive(Clone, Debug)]
 pub struct RunFolder(PathBuf);
+
+/// A state that was read from a folder.
+#[derive(Debug)]
+pub struct Checkpoint {
+    /// Its file.
+    pub place: String,
+    /// The state.
+    pub state: State,
+    /// Why it is not the newest, if it is not.
+    pub damage: Option<Error>,
+}
 
 /// What a run was told: with the same version of the program, all that its result depends on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +76,11 @@ impl RunFolder {
         self.0.join("checkpoint.safetensors")
     }
 
+    /// The state before, while the run is at work.
+    fn previous_checkpoint(&self) -> PathBuf {
+        self.0.join("checkpoint.previous.safetensors")
+    }
+
     /// Metrics of every episode.
     pub fn metrics(&self) -> PathBuf {
         self.0.join("metrics.csv")
@@ -94,10 +112,11 @@ impl RunFolder {
     }
 
     /// All files that cannot be made again from others of the folder.
-    pub fn records(&self) -> [PathBuf; 8] {
+    pub fn records(&self) -> [PathBuf; 9] {
         [
             self.identity(),
             self.checkpoint(),
+            self.previous_checkpoint(),
             self.metrics(),
             self.parquet(),
             self.events(),
@@ -110,6 +129,64 @@ impl RunFolder {
     /// What was run and what came out. Written last.
     pub fn report(&self) -> PathBuf {
         self.0.join("report.json")
+    }
+
+    /// The newest checkpoint that `read` takes, given its place and bytes.
+    ///
+    /// # Errors
+    /// If there are checkpoints, and none can be read: what is wrong with the newest.
+    pub fn newest_checkpoint(
+        &self,
+        read: impl Fn(&str, &[u8]) -> Result<State>,
+    ) -> Result<Option<Checkpoint>> {
+        let mut damage = None;
+        for path in [self.checkpoint(), self.previous_checkpoint()] {
+            let place = path.display().to_string();
+            let state = match std::fs::read(&path) {
+                Ok(bytes) => read(&place, &bytes),
+                Err(source) if source.kind() == ErrorKind::NotFound => continue,
+                Err(source) => Err(Error::file(&path, source)),
+            };
+            match (state, &damage) {
+                (Ok(state), _) => return Ok(Some(Checkpoint { place, state, damage })),
+                (Err(error), None) => damage = Some(error),
+                (Err(_), Some(_)) => {}
+            }
+        }
+        damage.map_or(Ok(None), Err)
+    }
+
+    /// Writes a checkpoint, and keeps the one before.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn keep_checkpoint(&self, bytes: &[u8]) -> Result<()> {
+        let (path, previous) = (self.checkpoint(), self.previous_checkpoint());
+        if path.exists() {
+            std::fs::rename(&path, &previous).map_err(|source| Error::file(&previous, source))?;
+        }
+        write_whole(&path, bytes)
+    }
+
+    /// Puts the checkpoint before in the place of the last, which is damaged.
+    ///
+    /// # Errors
+    /// If it cannot be renamed.
+    pub fn return_to_previous_checkpoint(&self) -> Result<()> {
+        let path = self.checkpoint();
+        std::fs::rename(self.previous_checkpoint(), &path).map_err(|source| Error::file(&path, source))
+    }
+
+    /// Removes the checkpoint before the last, once a run is done.
+    ///
+    /// # Errors
+    /// If it cannot be removed.
+    pub fn forget_previous_checkpoint(&self) -> Result<()> {
+        let path = self.previous_checkpoint();
+        match std::fs::remove_file(&path) {
+            Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file(&path, source)),
+            _ => Ok(()),
+        }
     }
 
     /// Writes a run's result, each file whole or not at all, the report last.
@@ -164,8 +241,17 @@ impl RunFolder {
     pub fn claim(&self, identity: &RunIdentity, resume: bool) -> Result<File> {
         check_folder(&self.0)?;
         let path = self.identity();
+        let text = format!("{:#}\n", identity.to_json());
         if path.exists() {
-            check_same_run(&path, &read_json(&path)?, &identity.to_json())?;
+            match read_json(&path) {
+                Ok(found) => check_same_run(&path, &found, &identity.to_json())?,
+                // Every checkpoint says its run too.
+                Err(error) => resume.then_some(()).ok_or(error)?,
+            }
+            let whole = std::fs::read(&path).is_ok_and(|found| found == text.as_bytes());
+            if resume && !whole {
+                write_whole(&path, text.as_bytes())?;
+            }
             if !resume {
                 return Err(Error::input(
                     path.display(),
@@ -181,7 +267,7 @@ impl RunFolder {
                 self.table(),
                 self.report(),
             ])?;
-            write_whole(&path, format!("{:#}\n", identity.to_json()).as_bytes())?;
+            write_whole(&path, text.as_bytes())?;
         }
         let file = File::open(&path).map_err(|source| Error::file(&path, source))?;
         match file.try_lock() {

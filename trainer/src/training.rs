@@ -5,8 +5,9 @@ use crate::actor_table::{actor_tables, check_widths};
 use crate::laboratory::checkpoint;
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::metrics_log::MetricsLog;
+use crate::laboratory::state::{State, Values};
 use crate::onnx;
-use crate::run_folder::{RunFolder, RunIdentity};
+use crate::run_folder::{Checkpoint, RunFolder, RunIdentity};
 use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::write_whole;
@@ -35,6 +36,8 @@ pub enum Progress<'m> {
     },
     /// A run that was to go on has no checkpoint, and begins anew.
     NoCheckpoint,
+    /// The newest checkpoint is not whole; the run goes on from the one before.
+    Damaged(&'m Error),
     /// An episode ended.
     Episode {
         /// Episodes done.
@@ -58,11 +61,21 @@ pub fn train(
     let folder = RunFolder::new(out);
     let _claim = folder.claim(identity, conduct.resume)?;
     let run = identity.to_json();
-    if !restore(learner.as_mut(), &folder, &run)? && conduct.resume {
-        watch(&Progress::NoCheckpoint);
+    let found = folder.newest_checkpoint(|place, bytes| checkpoint::from_bytes(place, bytes, &run))?;
+    if let Some(damage) = found.as_ref().and_then(|found| found.damage.as_ref()) {
+        watch(&Progress::Damaged(damage));
+        folder.return_to_previous_checkpoint()?;
     }
+    let mut log = match found {
+        Some(Checkpoint { place, state, .. }) => restore(learner.as_mut(), &folder, &place, state)?,
+        None => {
+            if conduct.resume {
+                watch(&Progress::NoCheckpoint);
+            }
+            MetricsLog::new(&folder.metrics(), &folder.events())?
+        }
+    };
     let (length, before) = (learner.length(), learner.done());
-    let mut log = MetricsLog::open(&folder.metrics(), &folder.events(), before)?;
     watch(&Progress::Begun { length, done: before });
     let mut checkpointed = Instant::now();
     let mut saved = before;
@@ -86,29 +99,36 @@ pub fn train(
     conclude(learner.as_ref(), identity, &folder, &log)
 }
 
-/// Goes back to the folder's checkpoint; whether there is one.
-fn restore(learner: &mut dyn Learner, folder: &RunFolder, run: &Value) -> Result<bool> {
-    let path = folder.checkpoint();
-    if !path.exists() {
-        return Ok(false);
-    }
-    let place = path.display().to_string();
-    let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
-    let state = checkpoint::from_bytes(&place, &bytes, run)?;
+/// The tensor of a checkpoint that holds the text of the log.
+const LOG: &str = "log";
+
+/// Goes back to a checkpoint, and gives its log.
+fn restore(
+    learner: &mut dyn Learner,
+    folder: &RunFolder,
+    place: &str,
+    mut state: State,
+) -> Result<MetricsLog> {
+    let text = match state.tensors.remove(LOG).map(|tensor| tensor.values) {
+        Some(Values::U8(bytes)) => String::from_utf8(bytes).ok(),
+        _ => None,
+    };
+    let text = text.ok_or_else(|| Error::input(place, "no metrics", "those of all episodes"))?;
     learner.restore(state).map_err(|error| error.within(place))?;
-    Ok(true)
+    MetricsLog::resume(place, &text, &folder.metrics(), &folder.events())
 }
 
-/// Metrics first: a checkpoint never knows of an episode that they lack. A learner that holds anything but numbers ends the run, and
+/// The checkpoint before stays beside the new one. A learner that holds anything but numbers ends the run, and
 /// leaves the last checkpoint that was sound.
 fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut MetricsLog) -> Result<()> {
     log.flush()?;
-    let state = learner.state();
+    let mut state = learner.state();
     state
         .check_finite()
         .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
-    let bytes = checkpoint::to_bytes(run, &state)?;
-    write_whole(&folder.checkpoint(), &bytes)?;
+    let text = log.text().into_bytes();
+    state.put(LOG, &[text.len()], text);
+    folder.keep_checkpoint(&checkpoint::to_bytes(run, &state)?)?;
     write_whole(&folder.actors(), &actor_file::to_bytes(&learner.actors())?)
 }
 
@@ -152,6 +172,7 @@ fn conclude(
         "last": log.last().collect::<serde_json::Map<_, _>>(),
     });
     folder.write(&actors, table.as_ref().map(WeightTable::bytes), &report)?;
+    folder.forget_previous_checkpoint()?;
     Ok(report)
 }
 
@@ -160,7 +181,6 @@ mod tests {
     use super::*;
     use crate::configuration::Preset;
     use crate::laboratory::actors::Actors;
-    use crate::laboratory::state::{State, Values};
 
     /// Another learner, with one value that is no number.
     struct Diverged(Box<dyn Learner>);
@@ -203,7 +223,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::new(folder.path());
         let mut learner = Preset::Evolution.with(&[]).unwrap().learner(1).unwrap();
-        let mut log = MetricsLog::open(&run.metrics(), &run.events(), 0).unwrap();
+        let mut log = MetricsLog::new(&run.metrics(), &run.events()).unwrap();
         save(learner.as_ref(), &run, &Value::Null, &mut log).unwrap();
         let saved = || [run.checkpoint(), run.actors()].map(|path| std::fs::read(path).unwrap());
         let before = saved();

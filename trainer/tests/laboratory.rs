@@ -137,9 +137,63 @@ fn other_runs_and_spoiled_files_are_refused_and_left_alone() {
     write(&checkpoint, read(out.join("actor.safetensors")).unwrap()).unwrap();
     assert!(again(&["--resume"]).contains("checkpoint.safetensors: found "));
     write(&checkpoint, &before).unwrap();
-    write(out.join("metrics.csv"), "episode,mean_reward\n1,0\n").unwrap();
-    assert!(again(&["--resume"]).contains("metrics.csv: found 1 episodes, expected 3 as in the checkpoint"));
     assert_eq!(read(&checkpoint).unwrap(), before);
+}
+
+/// Names and contents of all files but TensorBoard's, which holds times.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut files: Vec<_> = names
+        .filter(|name| !name.starts_with("events"))
+        .map(|name| (name.clone(), read(folder.join(name)).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn whatever_a_cut_leaves_the_run_goes_on_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("run"));
+    let short = [&TINY[..], &["--set", "evolution.episodes=3"]].concat();
+    let resumed = [&short[..], &["--resume"]].concat();
+    let _report = success(&command(&short, &whole).output().unwrap());
+    let _report = success(&command(&short, &out).output().unwrap());
+    let undisturbed = files(&whole);
+    assert_eq!(files(&out), undisturbed);
+    for name in [
+        "run.json",
+        "metrics.csv",
+        "metrics.parquet",
+        "events.out.tfevents.0.freshlane",
+        "report.json",
+        "actor.safetensors",
+        "actor.onnx",
+        "table.bin",
+    ] {
+        let bytes = read(out.join(name)).unwrap();
+        for left in [bytes.len() - 1, bytes.len() / 2, 0] {
+            write(out.join(name), &bytes[..left]).unwrap();
+            let _report = success(&command(&resumed, &out).output().unwrap());
+            assert!(files(&out) == undisturbed, "{name} cut to {left} bytes");
+            let events = read(out.join("events.out.tfevents.0.freshlane")).unwrap();
+            assert!(name != "events.out.tfevents.0.freshlane" || events.len() == bytes.len());
+        }
+    }
+    // Of two checkpoints the newest whole one counts.
+    let checkpoint = out.join("checkpoint.safetensors");
+    let bytes = read(&checkpoint).unwrap();
+    write(out.join("checkpoint.previous.safetensors"), &bytes).unwrap();
+    write(&checkpoint, &bytes[..100]).unwrap();
+    let output = command(&resumed, &out).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        message.contains("goes on from the checkpoint before"),
+        "{message}"
+    );
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(files(&out) == undisturbed);
 }
 
 #[test]

@@ -66,6 +66,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
     let mut display: Option<Display> = None;
     let watch = |progress: &Progress<'_>| match *progress {
         Progress::Begun { length, done } => display = Some(Display::new(length, done, quiet)),
+        Progress::Damaged(error) => kit::remark!("{error}; the run goes on from the checkpoint before"),
         Progress::NoCheckpoint if quiet => {}
         Progress::NoCheckpoint => {
             let path = RunFolder::new(&arguments.out).checkpoint();

@@ -1,7 +1,8 @@
 //! Metrics of all episodes: CSV and TensorBoard files that grow while the run does, and a Parquet file at its end.
 //!
-//! The growing files have one record for each episode behind one that begins them. A run that goes on from a checkpoint cuts
-//! them back to the checkpoint's episodes; the times in the event file are all that then differs from an undisturbed run.
+//! A checkpoint holds the CSV's text, so that a run goes on whatever became of the files: the CSV is written anew, and the event
+//! file, which has one record for each episode behind one that begins it, is cut back to the checkpoint's episodes, or written
+//! anew if it has not all of them. Its times are all that then differs from an undisturbed run.
 
 use super::learner::Metrics;
 use super::tensorboard;
@@ -23,72 +24,60 @@ pub struct MetricsLog {
     events: PathBuf,
     names: Vec<String>,
     rows: Vec<Vec<f64>>,
-    /// Rows that the files already have.
+    /// Rows that the event file already has.
     written: usize,
 }
 
 impl MetricsLog {
-    /// A log of `done` episodes: the first ones of the files, which are cut back to them. Without episodes there need be no
-    /// files.
+    /// A log without episodes; files of an earlier one go.
     ///
     /// # Errors
-    /// If the files have fewer episodes, or are no such files.
-    pub fn open(csv: &Path, events: &Path, done: u64) -> Result<Self> {
-        let mut log = Self {
+    /// If they cannot be removed.
+    pub fn new(csv: &Path, events: &Path) -> Result<Self> {
+        remove(csv)?;
+        remove(events)?;
+        Ok(Self {
             csv: csv.to_owned(),
             events: events.to_owned(),
             names: Vec::new(),
             rows: Vec::new(),
             written: 0,
+        })
+    }
+
+    /// The log whose [text](Self::text) this is, and its files.
+    ///
+    /// # Errors
+    /// If it is no such text, which `place` names then, or the files cannot be written.
+    pub fn resume(place: &str, text: &str, csv: &Path, events: &Path) -> Result<Self> {
+        let mut lines = text.lines();
+        let mut names = lines.next().unwrap_or_default().split(',');
+        if names.next() != Some(EPISODE) {
+            return Err(Error::input(place, "another header", "that of metrics"));
+        }
+        let mut log = Self {
+            csv: csv.to_owned(),
+            events: events.to_owned(),
+            names: names.map(str::to_owned).collect(),
+            rows: Vec::new(),
+            written: 0,
         };
-        if done == 0 {
-            remove(csv)?;
-            remove(events)?;
-            return Ok(log);
+        for (index, line) in lines.enumerate() {
+            let row: Option<Vec<f64>> = line.split(',').skip(1).map(read_number).collect();
+            let row = row.filter(|row| row.len() == log.names.len());
+            let expected = || format!("the metrics of episode {}", index + 1);
+            log.rows
+                .push(row.ok_or_else(|| Error::input(place, line, expected()))?);
         }
-        let text = std::fs::read(csv).map_err(|source| Error::file(csv, source))?;
-        let text = String::from_utf8(text)
-            .map_err(|_| Error::input(csv.display(), "bytes that are no text", "metrics"))?;
-        let mut length = 0;
-        for (index, line) in text.split_inclusive('\n').take(done as usize + 1).enumerate() {
-            let place = || format!("{}:{}", csv.display(), index + 1);
-            let fields = line.strip_suffix('\n').map(|line| line.split(','));
-            let Some(mut fields) = fields else { break };
-            let first = fields.next();
-            if index == 0 {
-                if first != Some(EPISODE) {
-                    return Err(Error::input(place(), "another header", "that of metrics"));
-                }
-                log.names = fields.map(str::to_owned).collect();
-            } else {
-                let row: Option<Vec<f64>> = fields.map(read_number).collect();
-                let row = row
-                    .filter(|row| row.len() == log.names.len() && first == Some(index.to_string().as_str()));
-                log.rows.push(
-                    row.ok_or_else(|| Error::input(place(), "another line", format!("episode {index}")))?,
-                );
+        let bytes = std::fs::read(events).unwrap_or_default();
+        match tensorboard::length_of(&bytes, log.rows.len() as u64 + 1) {
+            Some(length) => {
+                cut(events, length)?;
+                log.written = log.rows.len();
             }
-            length += line.len();
+            None => remove(events)?,
         }
-        if log.rows.len() as u64 != done {
-            let found = format!("{} episodes", log.rows.len());
-            return Err(Error::input(
-                csv.display(),
-                found,
-                format!("{done} as in the checkpoint"),
-            ));
-        }
-        cut(csv, length as u64)?;
-        let bytes = std::fs::read(events).map_err(|source| Error::file(events, source))?;
-        let length = tensorboard::length_of(&bytes, done + 1).ok_or_else(|| {
-            Error::input(
-                events.display(),
-                "fewer whole records",
-                format!("{done} as in the checkpoint"),
-            )
-        })?;
-        cut(events, length)?;
-        log.written = log.rows.len();
+        log.flush()?;
         Ok(log)
     }
 
@@ -108,26 +97,12 @@ impl MetricsLog {
         Ok(())
     }
 
-    /// Appends the new episodes to the files.
-    ///
-    /// # Errors
-    /// If they cannot be written.
-    pub fn flush(&mut self) -> Result<()> {
-        if self.written == self.rows.len() {
-            return Ok(());
-        }
-        // Only for TensorBoard's axis of time; nothing is computed from it.
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
-        let wall_time_s = now.map_or(0.0, |since| since.as_secs_f64());
-        let (mut text, mut events) = (String::new(), Vec::new());
-        if self.written == 0 {
-            let header = std::iter::once(EPISODE).chain(self.names.iter().map(String::as_str));
-            text = header.collect::<Vec<_>>().join(",") + "\n";
-            events = tensorboard::header(wall_time_s);
-        }
-        for (index, row) in self.rows.iter().enumerate().skip(self.written) {
-            let episode = index + 1;
-            text += &episode.to_string();
+    /// All episodes as CSV.
+    pub fn text(&self) -> String {
+        let header = std::iter::once(EPISODE).chain(self.names.iter().map(String::as_str));
+        let mut text = header.collect::<Vec<_>>().join(",") + "\n";
+        for (index, row) in self.rows.iter().enumerate() {
+            text += &(index + 1).to_string();
             for value in row {
                 text.push(',');
                 if !value.is_nan() {
@@ -135,14 +110,30 @@ impl MetricsLog {
                 }
             }
             text.push('\n');
+        }
+        text
+    }
+
+    /// Brings the files up to the last episode.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn flush(&mut self) -> Result<()> {
+        // Only for TensorBoard's axis of time; nothing is computed from it.
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let wall_time_s = now.map_or(0.0, |since| since.as_secs_f64());
+        let mut events = Vec::new();
+        if self.written == 0 {
+            events = tensorboard::header(wall_time_s);
+        }
+        for (index, row) in self.rows.iter().enumerate().skip(self.written) {
             let known = self.names.iter().map(String::as_str).zip(row.iter().copied());
             let known = known.filter(|(_, value)| !value.is_nan());
-            events.extend(tensorboard::scalars(wall_time_s, episode as u64, known));
+            events.extend(tensorboard::scalars(wall_time_s, index as u64 + 1, known));
         }
-        append(&self.csv, text.as_bytes())?;
         append(&self.events, &events)?;
         self.written = self.rows.len();
-        Ok(())
+        write_whole(&self.csv, self.text().as_bytes())
     }
 
     /// Numbers of the last episode, as JSON; one that it does not have is null.
@@ -183,7 +174,7 @@ fn read_number(field: &str) -> Option<f64> {
 
 fn append(path: &Path, bytes: &[u8]) -> Result<()> {
     let file = OpenOptions::new().append(true).create(true).open(path);
-    file.and_then(|mut file| file.write_all(bytes))
+    file.and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
         .map_err(|source| Error::file(path, source))
 }
 
@@ -220,37 +211,32 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let (csv, events, parquet) = (path("m.csv"), path("events"), path("m.parquet"));
-        let run = |from: u64, to: u64| {
-            let mut log = MetricsLog::open(&csv, &events, from)?;
+        let run = |mut log: MetricsLog, to: u32| {
+            let from = log.rows.len() as u32;
             for episode in from + 1..=to {
-                log.push(&metrics(episode as u32))?;
+                log.push(&metrics(episode)).unwrap();
                 if episode % 2 == 0 {
-                    log.flush()?;
+                    log.flush().unwrap();
                 }
             }
-            log.flush()?;
-            log.write_parquet(&parquet)?;
+            log.flush().unwrap();
+            log.write_parquet(&parquet).unwrap();
             let events = std::fs::read(&events).unwrap();
-            Ok::<_, Error>((
-                std::fs::read_to_string(&csv).unwrap(),
-                events.len(),
-                std::fs::read(&parquet).unwrap(),
-            ))
+            (log.text(), events.len(), std::fs::read(&parquet).unwrap())
         };
-        let undisturbed = run(0, 9).unwrap();
-        assert!(
-            undisturbed
-                .0
-                .starts_with("episode,mean_age_ms,loss\n1,0.1,\n2,0.2,\n3,")
-        );
-        assert_eq!(run(4, 9).unwrap(), undisturbed);
-        // A kill in the middle of a line.
-        cut(&csv, undisturbed.0.len() as u64 - 3).unwrap();
-        assert_eq!(run(8, 9).unwrap(), undisturbed);
-        let message = run(10, 11).unwrap_err().to_string();
-        assert!(
-            message.ends_with("found 9 episodes, expected 10 as in the checkpoint"),
-            "{message}"
-        );
+        let undisturbed = run(MetricsLog::new(&csv, &events).unwrap(), 9);
+        let (text, length, _) = &undisturbed;
+        assert!(text.starts_with("episode,mean_age_ms,loss\n1,0.1,\n2,0.2,\n3,"));
+        assert_eq!(&std::fs::read_to_string(&csv).unwrap(), text);
+        let four: String = text.split_inclusive('\n').take(5).collect();
+        let resume = || MetricsLog::resume("checkpoint", &four, &csv, &events).unwrap();
+        assert_eq!(run(resume(), 9), undisturbed);
+        // Whatever became of the files.
+        std::fs::write(&csv, "nonsense").unwrap();
+        cut(&events, *length as u64 - 3).unwrap();
+        assert_eq!(run(resume(), 9), undisturbed);
+        remove(&csv).unwrap();
+        cut(&events, 40).unwrap();
+        assert_eq!(run(resume(), 9), undisturbed);
     }
 }
