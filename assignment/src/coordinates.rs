@@ -25,22 +25,20 @@ pub struct NodePlaces {
 /// Coordinates of some nodes, on the way to all of them.
 pub(crate) struct Collected<'n> {
     network: &'n Network,
-    /// Number of every node from 1, by its name.
-    numbers: HashMap<String, u32>,
-    places: Vec<Option<(f64, f64)>>,
+    /// Coordinates by the names of nodes, of which several may have one name.
+    places: HashMap<String, Option<(f64, f64)>>,
     unit: LengthUnit,
 }
 
 impl<'n> Collected<'n> {
     /// Of no node yet.
     pub(crate) fn new(network: &'n Network, unit: LengthUnit) -> Self {
-        let nodes = network.numbering().nodes;
+        let nodes = 1..=network.numbering().nodes;
         Self {
             network,
-            numbers: (1..=nodes)
-                .map(|number| (network.node_name(number).into_owned(), number))
+            places: nodes
+                .map(|number| (network.node_name(number).into_owned(), None))
                 .collect(),
-            places: vec![None; nodes as usize],
             unit,
         }
     }
@@ -48,12 +46,12 @@ impl<'n> Collected<'n> {
     /// Whether the network has a node of this name.
     #[cfg(feature = "formats")]
     pub(crate) fn has_node(&self, name: &str) -> bool {
-        self.numbers.contains_key(name)
+        self.places.contains_key(name)
     }
 
     /// Takes the coordinates of a node; `place` is where they stand in the file.
     pub(crate) fn put(&mut self, place: &str, node: &str, (x, y): (&str, &str)) -> Result<()> {
-        let number = self.numbers.get(node).copied().ok_or_else(|| {
+        let known = self.places.get_mut(node).ok_or_else(|| {
             Error::input(
                 format!("{place}: node"),
                 format!("`{node}`"),
@@ -67,18 +65,45 @@ impl<'n> Collected<'n> {
             })
         };
         let coordinates = (coordinate("X", x)?, coordinate("Y", y)?);
-        if self.places[number as usize - 1].replace(coordinates).is_some() {
+        if known.replace(coordinates).is_some() {
             let found = format!("`{node}` again");
             return Err(Error::input(format!("{place}: node"), found, "each node once"));
         }
         Ok(())
     }
 
-    /// The coordinates of all nodes.
+    /// The coordinates of all nodes. A zone on no road lies amid the nodes that its connectors lead to and come from.
     pub(crate) fn finish(self, name: &str) -> Result<NodePlaces> {
-        let mut places = Vec::with_capacity(self.places.len());
-        for (number, place) in (1..).zip(self.places) {
-            places.push(place.ok_or_else(|| {
+        let numbers = 1..=self.network.numbering().nodes;
+        let known: Vec<Option<(f64, f64)>> = numbers
+            .map(|number| {
+                self.places
+                    .get(&*self.network.node_name(number))
+                    .copied()
+                    .flatten()
+            })
+            .collect();
+        let mut amid = vec![(0.0, 0.0, 0_u32); known.len()];
+        for link in &self.network.links()[self.network.roads().len()..] {
+            let ends = [link.init_node, link.term_node].map(|node| node as usize - 1);
+            for (node, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
+                if let Some((x, y)) = known[other] {
+                    let (sum_x, sum_y, count) = amid[node];
+                    amid[node] = (sum_x + x, sum_y + y, count + 1);
+                }
+            }
+        }
+        let mut on_road = vec![false; known.len()];
+        for link in self.network.roads() {
+            for node in [link.init_node, link.term_node] {
+                on_road[node as usize - 1] = true;
+            }
+        }
+        let mut places = Vec::with_capacity(known.len());
+        for (number, ((place, (x, y, count)), on_road)) in (1..).zip(known.into_iter().zip(amid).zip(on_road))
+        {
+            let amid = (!on_road && count > 0).then(|| (x / f64::from(count), y / f64::from(count)));
+            places.push(place.or(amid).ok_or_else(|| {
                 let found = format!("no coordinates of node {}", self.network.node_name(number));
                 Error::input(name, found, "coordinates of every node")
             })?);

@@ -1,13 +1,19 @@
 //! Tables with a header line, whose columns come in any order: every error names file, line and column.
 
+use crate::report::{ImportReport, NoteKind};
 use kit::error::{Error, Result};
 use kit::files::Text;
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::path::Path;
 use std::str::FromStr;
 
 /// A table whose columns are found by name.
 pub(crate) struct CsvTable {
     name: String,
     columns: Vec<String>,
+    /// Which columns somebody asked for.
+    asked: RefCell<Vec<bool>>,
     /// Fields of each row, and the line that it begins on.
     rows: Vec<(u64, csv::StringRecord)>,
 }
@@ -57,6 +63,7 @@ impl CsvTable {
         }
         Ok(Self {
             name: name.to_owned(),
+            asked: RefCell::new(vec![false; columns.len()]),
             columns,
             rows,
         })
@@ -70,9 +77,53 @@ impl CsvTable {
         })
     }
 
-    /// Index of a column that may be missing.
+    /// Index of a column that may be missing. One that differs in upper and lower case alone is taken where none is the same.
     pub(crate) fn optional_column(&self, column: &str) -> Option<usize> {
-        self.columns.iter().position(|known| known == column)
+        let same = self.columns.iter().position(|known| known == column);
+        let found = same.or_else(|| {
+            self.columns
+                .iter()
+                .position(|known| known.eq_ignore_ascii_case(column))
+        })?;
+        self.asked.borrow_mut()[found] = true;
+        Some(found)
+    }
+
+    /// Index of the first of several columns that is there.
+    pub(crate) fn any_column(&self, columns: &[&str]) -> Option<usize> {
+        columns.iter().find_map(|column| self.optional_column(column))
+    }
+
+    /// What errors call the table.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Names of the columns.
+    pub(crate) fn columns(&self) -> &[String] {
+        &self.columns
+    }
+
+    /// Says which columns were read, and which were not.
+    pub(crate) fn report(&self, report: &mut ImportReport) {
+        let asked = self.asked.borrow();
+        let names = |wanted: bool| {
+            let columns = self.columns.iter().zip(asked.iter());
+            let names = columns.filter(|(name, asked)| **asked == wanted && !name.is_empty());
+            let names: Vec<&str> = names.map(|(name, _)| name.as_str()).collect();
+            names.join(", ")
+        };
+        let file = file_name(&self.name);
+        report.count(
+            NoteKind::Read,
+            &file,
+            format!("rows of {}", names(true)),
+            self.rows.len(),
+        );
+        let unused = names(false);
+        if !unused.is_empty() {
+            report.say(NoteKind::Unused, &file, format!("columns {unused}"));
+        }
     }
 
     pub(crate) fn rows(&self) -> impl Iterator<Item = Row<'_>> {
@@ -93,6 +144,11 @@ impl<'t> Row<'t> {
     /// The field of a column; empty if the column is missing.
     pub(crate) fn text(&self, column: Option<usize>) -> &'t str {
         column.and_then(|column| self.fields.get(column)).unwrap_or("")
+    }
+
+    /// A field that names something: a whole number that tables wrote with decimals, such as `1.0`, is `1`.
+    pub(crate) fn id(&self, column: Option<usize>) -> &'t str {
+        id(self.text(column))
     }
 
     /// An error about a field.
@@ -125,4 +181,25 @@ impl<'t> Row<'t> {
             _ => Ok(None),
         }
     }
+}
+
+/// A name as files mean it: `1.0` is `1`.
+pub(crate) fn id(text: &str) -> &str {
+    match text.split_once('.') {
+        Some((whole, zeros))
+            if !whole.is_empty()
+                && whole.bytes().all(|byte| byte.is_ascii_digit())
+                && zeros.bytes().all(|byte| byte == b'0') =>
+        {
+            whole
+        }
+        _ => text,
+    }
+}
+
+/// The last part of a path, for reports.
+pub(crate) fn file_name(path: &str) -> Cow<'_, str> {
+    Path::new(path)
+        .file_name()
+        .map_or(Cow::Borrowed(path), |name| name.to_string_lossy())
 }

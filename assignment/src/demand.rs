@@ -2,6 +2,8 @@
 
 use crate::link::check_not_negative;
 use kit::error::{Error, Result};
+#[cfg(feature = "formats")]
+use std::collections::HashSet;
 
 /// One entry of an origin-destination table.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,6 +116,19 @@ impl Demand {
                 destination: destination + 1,
                 volume,
             })
+        })
+    }
+
+    /// These trips without some pairs of origin and destination.
+    #[cfg(feature = "formats")]
+    pub(crate) fn without(&self, pairs: &HashSet<(u32, u32)>) -> Result<Self> {
+        let kept = self
+            .trips()
+            .filter(|trip| !pairs.contains(&(trip.origin, trip.destination)));
+        let rest = Self::new(self.zones, &kept.collect::<Vec<_>>())?;
+        Ok(Self {
+            intrazonal: self.intrazonal,
+            ..rest
         })
     }
 

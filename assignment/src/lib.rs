@@ -44,6 +44,8 @@ mod csv_rows;
 mod csv_table;
 pub mod demand;
 #[cfg(feature = "formats")]
+mod demand_table;
+#[cfg(feature = "formats")]
 pub mod formats;
 mod frank_wolfe;
 #[cfg(feature = "formats")]
@@ -60,12 +62,24 @@ pub mod path_flows;
 mod path_set;
 mod path_shift;
 mod problem;
+#[cfg(feature = "formats")]
+pub mod reach;
+pub mod report;
+#[cfg(feature = "formats")]
+mod road_plan;
 pub mod select_link;
+#[cfg(feature = "formats")]
+pub mod shapes;
 pub mod shortest_path;
 pub mod skims;
 #[cfg(feature = "formats")]
 pub mod sumo;
+#[cfg(feature = "formats")]
+pub mod text;
 pub mod tntp;
+#[cfg(feature = "formats")]
+mod turn_table;
+pub mod units;
 pub mod volume_delay;
 #[cfg(feature = "formats")]
 mod xml;

@@ -24,6 +24,8 @@ pub struct Network {
     /// None where numbers are names.
     names: Option<Names>,
     links: Vec<Link>,
+    /// So many of the first links are roads; behind them come connectors and turns.
+    roads: usize,
     volume_delays: Vec<VolumeDelay>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
     init_nodes: Vec<u32>,
@@ -71,9 +73,17 @@ impl Network {
             dead_end_links: all.clone().filter(|link| !leads_on(link)).collect(),
             through: LinkRows::new(numbering.nodes, &links, all.filter(leads_on)),
             dead_ends,
+            roads: links.len(),
             links,
             volume_delays,
         })
+    }
+
+    /// The same network, of whose links only the first `roads` are roads.
+    #[cfg(feature = "formats")]
+    pub(crate) fn with_roads(mut self, roads: usize) -> Self {
+        self.roads = roads.min(self.links.len());
+        self
     }
 
     /// The same roads with other capacities, one per link in file order.
@@ -162,9 +172,14 @@ impl Network {
         self.weights
     }
 
-    /// The links, in file order.
+    /// The links: roads in file order, then the connectors and turns that a reader added.
     pub fn links(&self) -> &[Link] {
         &self.links
+    }
+
+    /// The links that are roads: the first ones, in file order.
+    pub fn roads(&self) -> &[Link] {
+        &self.links[..self.roads]
     }
 
     /// The links' volume-delay functions, in file order.

@@ -12,10 +12,11 @@ use kit::error::{Error, Result};
 use kit::files::Text;
 use std::str::FromStr;
 
-/// Columns of a link. `speed` and `link_type` do not enter an assignment and are not read.
+/// Columns of a link. `speed` and `link_type` do not enter an assignment and are not read; the last may be missing.
 const LINK_COLUMNS: &str = "init_node term_node capacity length free_flow_time b power speed toll link_type";
 
-/// How far the sum of all trips may lie from the stated total, as a share of it (chosen: files round both).
+/// How far the sum of all trips may lie from the stated total, as a share of it, besides what the digits of the total leave
+/// open (chosen: files round the trips, too).
 const TOTAL_TOLERANCE: f64 = 1e-6;
 
 const ZONES: &str = "NUMBER OF ZONES";
@@ -41,8 +42,13 @@ pub fn read_network(Text { name, text }: &Text, weights: CostWeights) -> Result<
     let stated_links: usize = metadata.number(LINKS)?;
     numbering.check(name)?;
     let mut links = Vec::new();
+    // Each row has as many columns as the longest: one column less is no hole in the middle then.
+    let columns = body
+        .lines(name)
+        .map(|(_, line)| split_columns(line).count())
+        .max();
     for (place, line) in body.lines(name) {
-        let link = parse_link(&place, line)?;
+        let link = parse_link(&place, line, columns.unwrap_or_default())?;
         numbering.check_node(&place, "init_node", link.init_node)?;
         numbering.check_node(&place, "term_node", link.term_node)?;
         link.volume_delay(weights, &place)?;
@@ -58,11 +64,16 @@ pub fn read_network(Text { name, text }: &Text, weights: CostWeights) -> Result<
     Network::new(numbering, links, weights)
 }
 
-/// One line of a network file.
-fn parse_link(place: &str, line: &str) -> Result<Link> {
-    let columns: Vec<&str> = line.trim_end_matches(';').split_whitespace().collect();
+/// The columns of a link.
+fn split_columns(line: &str) -> impl Iterator<Item = &str> {
+    line.trim_end_matches(';').split_whitespace()
+}
+
+/// One line of a network file whose lines have so many columns.
+fn parse_link(place: &str, line: &str, expected: usize) -> Result<Link> {
+    let columns: Vec<&str> = split_columns(line).collect();
     let names: Vec<&str> = LINK_COLUMNS.split(' ').collect();
-    if columns.len() != names.len() {
+    if columns.len() != expected || ![names.len() - 1, names.len()].contains(&expected) {
         return Err(Error::input(
             place,
             format!("{} columns", columns.len()),
@@ -92,7 +103,6 @@ fn parse_link(place: &str, line: &str) -> Result<Link> {
 pub fn read_trips(Text { name, text }: &Text, zones: u32) -> Result<Demand> {
     let (metadata, body) = Metadata::parse(name, text)?;
     let stated_zones: u32 = metadata.number(ZONES)?;
-    let stated_total: f64 = metadata.number(TOTAL_FLOW)?;
     if stated_zones != zones {
         return Err(Error::input(
             format!("{name}: <{ZONES}>"),
@@ -100,6 +110,13 @@ pub fn read_trips(Text { name, text }: &Text, zones: u32) -> Result<Demand> {
             format!("{zones}, as the network has"),
         ));
     }
+    let trips = parse_trips(name, &body, zones)?;
+    check_total(name, &metadata, &trips)?;
+    Demand::new(zones, &trips)
+}
+
+/// The entries behind the metadata.
+fn parse_trips(name: &str, body: &Body<'_>, zones: u32) -> Result<Vec<Trip>> {
     let mut trips = Vec::new();
     let mut origin = None;
     for (place, line) in body.lines(name) {
@@ -114,16 +131,66 @@ pub fn read_trips(Text { name, text }: &Text, zones: u32) -> Result<Demand> {
             trips.push(parse_trip(&place, entry, origin, zones)?);
         }
     }
-    let total: f64 = trips.iter().map(|trip| trip.volume).sum();
-    let close = (total - stated_total).abs() <= TOTAL_TOLERANCE * stated_total.abs();
-    if !close {
-        return Err(Error::input(
-            name,
-            format!("trips that add up to {total}"),
-            format!("{stated_total}, as <{TOTAL_FLOW}> states"),
-        ));
+    Ok(trips)
+}
+
+/// Reads a trip table for a network whose zones have names: the table's numbers are taken for these.
+///
+/// # Errors
+/// As [`read_trips`], but for the number of zones, which may be another.
+#[cfg(feature = "formats")]
+pub(crate) fn read_trips_by_name(
+    Text { name, text }: &Text,
+    zones: &mut crate::demand_table::Zones<'_>,
+) -> Result<Vec<Trip>> {
+    let (metadata, body) = Metadata::parse(name, text)?;
+    let numbered = parse_trips(name, &body, metadata.number(ZONES)?)?;
+    check_total(name, &metadata, &numbered)?;
+    let mut trips = Vec::with_capacity(numbered.len());
+    for trip in numbered {
+        let mut zone = |number: u32| zones.number(&number.to_string(), trip.volume, || name.clone());
+        if let (Some(origin), Some(destination)) = (zone(trip.origin), zone(trip.destination)) {
+            trips.push(Trip {
+                origin,
+                destination,
+                ..trip
+            });
+        }
     }
-    Demand::new(zones, &trips)
+    Ok(trips)
+}
+
+/// Whether a text is in this format.
+#[cfg(feature = "formats")]
+pub(crate) fn is_tntp(text: &str) -> bool {
+    text.trim_start_matches(['\u{feff}', ' ', '\t', '\r', '\n'])
+        .starts_with('<')
+        && text.contains(&format!("<{END}>"))
+}
+
+/// Refuses trips that do not add up to the stated total, as far as its digits tell.
+fn check_total(name: &str, metadata: &Metadata<'_>, trips: &[Trip]) -> Result<()> {
+    let stated: f64 = metadata.number(TOTAL_FLOW)?;
+    let (digits, line) = metadata.entry(TOTAL_FLOW)?;
+    check_not_negative(&format!("{name}:{line}: <{TOTAL_FLOW}>"), stated)?;
+    let total: f64 = trips.iter().map(|trip| trip.volume).sum();
+    let open = TOTAL_TOLERANCE * stated + 0.5 * last_digit(digits);
+    if (total - stated).abs() <= open {
+        return Ok(());
+    }
+    Err(Error::input(
+        name,
+        format!("trips that add up to {total}"),
+        format!("{stated}, as <{TOTAL_FLOW}> states"),
+    ))
+}
+
+/// What one in the last printed digit of a number is worth: 100 in `2.52257e+007`.
+fn last_digit(number: &str) -> f64 {
+    let (digits, exponent) = number.split_once(['e', 'E']).unwrap_or((number, "0"));
+    let decimals = digits.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    libm::exp10(f64::from(exponent) - decimals as f64)
 }
 
 /// One `destination : volume` entry.
@@ -175,7 +242,7 @@ struct Body<'a> {
 impl<'a> Metadata<'a> {
     fn parse(name: &'a str, text: &'a str) -> Result<(Self, Body<'a>)> {
         let mut entries: Vec<(&str, &str, usize)> = Vec::new();
-        let mut rest = text;
+        let mut rest = text.trim_start_matches('\u{feff}');
         let mut number = 0;
         while !rest.is_empty() {
             let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
@@ -220,15 +287,17 @@ impl<'a> Metadata<'a> {
         ))
     }
 
+    /// The text of a key that must be there, and its line.
+    fn entry(&self, key: &str) -> Result<(&'a str, usize)> {
+        let found = self.entries.iter().find(|(known, ..)| *known == key);
+        found
+            .map(|(_, value, line)| (*value, *line))
+            .ok_or_else(|| Error::input(self.name, format!("no <{key}>"), "it among the metadata"))
+    }
+
     /// The value of a key that must be there.
     fn number<T: FromStr>(&self, key: &str) -> Result<T> {
-        let Some((_, value, line)) = self.entries.iter().find(|(known, ..)| *known == key) else {
-            return Err(Error::input(
-                self.name,
-                format!("no <{key}>"),
-                "it among the metadata",
-            ));
-        };
+        let (value, line) = self.entry(key)?;
         let place = format!("{}:{line}", self.name);
         parse(&place, &format!("<{key}>"), value, "a number")
     }

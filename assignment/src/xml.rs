@@ -21,17 +21,19 @@ pub(crate) struct Element<'w> {
     tag: String,
 }
 
-/// Visits every element of `text`, whose root must be `root`; `name` stands for the file in errors.
+/// Visits every element of `text`, whose root must be one of `roots`; `name` stands for the file in errors, which name the
+/// first of them.
 pub(crate) fn elements(
     name: &str,
     text: &str,
-    root: &str,
+    roots: &[&str],
     visit: &mut dyn FnMut(Scan<'_>) -> Result<()>,
 ) -> Result<()> {
+    let root = roots.first().copied().unwrap_or_default();
     let mut reader = Reader::from_str(text);
     let mut depth = 0_usize;
     let (mut counted, mut line) = (0, 1);
-    let mut seen_root = false;
+    let mut seen_root: Option<String> = None;
     loop {
         let position = usize::try_from(reader.buffer_position()).unwrap_or(text.len());
         let passed = text.as_bytes().get(counted..position).unwrap_or_default();
@@ -50,10 +52,12 @@ pub(crate) fn elements(
                     tag: start.name().as_ref().to_owned(),
                     start: &start,
                 };
-                if depth == 0 && (seen_root || element.tag != root) {
+                if depth == 0 && (seen_root.is_some() || !roots.contains(&element.tag.as_str())) {
                     return Err(element.error(format!("<{}>", element.tag), format!("one <{root}>")));
                 }
-                seen_root = true;
+                if depth == 0 {
+                    seen_root = Some(element.tag.clone());
+                }
                 visit(Scan::Open(&element))?;
                 if is_empty {
                     visit(Scan::Close(&element.tag))?;
@@ -65,13 +69,9 @@ pub(crate) fn elements(
                 depth -= 1;
                 visit(Scan::Close(end.name().as_ref()))?;
             }
-            Event::Eof if depth > 0 || !seen_root => {
+            Event::Eof if depth > 0 || seen_root.is_none() => {
                 let found = "the end of the file";
-                let expected = if seen_root {
-                    format!("</{root}>")
-                } else {
-                    format!("<{root}>")
-                };
+                let expected = seen_root.map_or(format!("<{root}>"), |root| format!("</{root}>"));
                 return Err(Error::input(format!("{name}:{line}"), found, expected));
             }
             Event::Eof => return Ok(()),
@@ -124,5 +124,18 @@ impl Element<'_> {
         let number = text.trim().parse::<f64>().ok();
         let usable = number.filter(|number| number.is_finite() && *number > 0.0);
         usable.ok_or_else(|| self.error(format!("{attribute}=\"{text}\""), "a positive number"))
+    }
+
+    /// A finite number, not negative, that may be missing.
+    pub(crate) fn optional_amount(&self, attribute: &str) -> Result<Option<f64>> {
+        let Some(text) = self.optional(attribute)? else {
+            return Ok(None);
+        };
+        let number = text.trim().parse::<f64>().ok();
+        let usable = number.filter(|number| number.is_finite() && *number >= 0.0);
+        let expected = "a finite number, not negative";
+        usable
+            .map(Some)
+            .ok_or_else(|| self.error(format!("{attribute}=\"{text}\""), expected))
     }
 }

@@ -638,7 +638,7 @@ fn bad_trips_are_named_by_line() {
         (
             "FLOW> 9.0",
             "FLOW> NaN",
-            "trips: found trips that add up to 9, expected NaN, as <TOTAL OD FLOW> states",
+            "trips:2: <TOTAL OD FLOW>: found NaN, expected a finite number, not negative",
         ),
     ] {
         let found = read_trips(&Text::new("trips", &TRIPS.replacen(from, to, 1)), 2).unwrap_err();

@@ -1,10 +1,12 @@
 //! Static assignment, from its description to its solution: what `host-sim assign` and the points of a sweep solve.
 
 use crate::capacity::TrafficState;
+use assignment::formats::{Import, ImportOptions, LostTrips, RoadData, Unreachable};
 use assignment::link::check_not_negative;
+use assignment::report::{ImportReport, NoteKind};
 use assignment::{
     Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, PathFlow, Solution, Stop,
-    assign_from, assign_observed, formats, grid::Grid,
+    assign_from, assign_observed, formats, grid::Grid, report,
 };
 use kit::error::{Error, Result};
 use serde_json::{Value, json};
@@ -12,6 +14,12 @@ use std::path::PathBuf;
 
 /// Iterations to stop at unless said.
 pub const MAX_ITERATIONS: usize = 10_000;
+
+/// A road's flow over its capacity that no demand of the capacity's unit of time gives (chosen: published networks stay below 5).
+const FULLEST: f64 = 10.0;
+
+/// What reports call it.
+const VOLUME_OVER_CAPACITY: &str = "flow over capacity";
 
 /// Where an assignment comes from. What is left out has a default.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +32,12 @@ pub struct AssignSource {
     pub demand_factor: f64,
     /// What toll and distance cost.
     pub weights: CostWeights,
+    /// What the files do not say. Its weights are those above.
+    pub import: ImportOptions,
+    /// What happens to trips without a path.
+    pub unreachable: Unreachable,
+    /// Whether what is likely to be wrong is an error.
+    pub strict: bool,
     /// How the flows are found.
     pub algorithm: Algorithm,
     /// What they minimise.
@@ -43,6 +57,9 @@ impl Default for AssignSource {
             trips: None,
             demand_factor: 1.0,
             weights: CostWeights::default(),
+            import: ImportOptions::default(),
+            unreachable: Unreachable::default(),
+            strict: false,
             algorithm: Algorithm::default(),
             objective: Objective::default(),
             gap: None,
@@ -58,21 +75,48 @@ impl AssignSource {
     /// # Errors
     /// The first that does not fit.
     pub fn read(&self) -> Result<Assignment> {
+        self.assignment(self.import()?)
+    }
+
+    /// Reads network and demand, trips without a path included.
+    ///
+    /// # Errors
+    /// The first that does not fit.
+    pub fn import(&self) -> Result<Import> {
+        check_not_negative("demand_factor", self.demand_factor)?;
+        check_not_negative("toll_weight", self.weights.toll)?;
+        check_not_negative("distance_weight", self.weights.distance)?;
+        let Some(net) = &self.net else {
+            return self.grid();
+        };
+        let options = ImportOptions {
+            weights: self.weights,
+            ..self.import.clone()
+        };
+        formats::import(net, self.trips.as_deref(), &options)
+    }
+
+    /// The assignment of what was read.
+    ///
+    /// # Errors
+    /// Trips without a path, unless they are to be left out; with [`strict`](Self::strict) a warning.
+    pub fn assignment(&self, mut import: Import) -> Result<Assignment> {
         let gap = self.gap.unwrap_or(match self.algorithm {
             Algorithm::PathBased => 1e-10,
             _ => 1e-4,
         });
         check_not_negative("gap", gap)?;
-        check_not_negative("demand_factor", self.demand_factor)?;
-        check_not_negative("toll_weight", self.weights.toll)?;
-        check_not_negative("distance_weight", self.weights.distance)?;
-        let (network, demand) = match &self.net {
-            Some(net) => formats::read(net, self.trips.as_deref(), self.weights)?,
-            None => self.grid()?,
-        };
+        import.settle(self.unreachable)?;
+        if self.strict {
+            import.report.refuse_warnings()?;
+        }
         Ok(Assignment {
-            demand: demand.scaled(self.demand_factor)?,
-            network,
+            demand: import.demand.scaled(self.demand_factor)?,
+            network: import.network,
+            roads: import.roads,
+            lost: import.lost,
+            report: import.report,
+            strict: self.strict,
             options: Options {
                 algorithm: self.algorithm,
                 objective: self.objective,
@@ -84,7 +128,7 @@ impl AssignSource {
     }
 
     /// The grid with its own demand, and without what it has no use for.
-    fn grid(&self) -> Result<(Network, Demand)> {
+    fn grid(&self) -> Result<Import> {
         if let Some(trips) = &self.trips {
             let expected = "none with the grid, which brings its own demand";
             return Err(Error::input("trips", trips.display(), expected));
@@ -99,7 +143,7 @@ impl AssignSource {
             }
         }
         let grid = Grid::default();
-        Ok((grid.network()?, grid.demand()?))
+        Ok(Import::built(grid.network()?, grid.demand()?))
     }
 }
 
@@ -110,6 +154,14 @@ pub struct Assignment {
     pub network: Network,
     /// Who drives on them.
     pub demand: Demand,
+    /// What else is known of the roads.
+    pub roads: RoadData,
+    /// Trips that were left out, as the files have them.
+    pub lost: Vec<LostTrips>,
+    /// What the readers assumed.
+    pub report: ImportReport,
+    /// Whether a warning is an error.
+    pub strict: bool,
     /// What to solve, how, and when to stop.
     pub options: Options,
 }
@@ -128,11 +180,33 @@ impl Assignment {
             network,
             demand,
             options,
+            ..
         } = self;
         match start {
             Some(paths) => assign_from(network, demand, options, paths, observe),
             None => assign_observed(network, demand, options, observe),
         }
+    }
+
+    /// The readers' report with what flows say: how full the roads are.
+    ///
+    /// # Errors
+    /// With [`strict`](Self::strict), if that is too full to be true.
+    pub fn report_with(&self, link_flows: &[f64]) -> Result<ImportReport> {
+        let mut report = self.report.clone();
+        let state = TrafficState::of(&self.network, &self.demand, link_flows);
+        let (mean, most) = (state.mean_volume_over_capacity, state.max_volume_over_capacity);
+        let text = format!("{} to {}, mean {}", 0, report::short(most), report::short(mean));
+        if most > FULLEST {
+            let text = format!("{text}: are demand and capacity of the same time? below {FULLEST} is usual");
+            report.say(NoteKind::Warning, VOLUME_OVER_CAPACITY, text);
+        } else {
+            report.say(NoteKind::Plausible, VOLUME_OVER_CAPACITY, text);
+        }
+        if self.strict {
+            report.refuse_warnings()?;
+        }
+        Ok(report)
     }
 
     /// The JSON object of a solution, without the times that it took.
@@ -141,6 +215,7 @@ impl Assignment {
             network,
             demand,
             options,
+            ..
         } = self;
         let state = TrafficState::of(network, demand, &solution.link_flows);
         json!({

@@ -92,14 +92,15 @@ impl TrafficState {
     pub fn of(network: &Network, demand: &Demand, link_flows: &[f64]) -> Self {
         let link_costs = network.link_costs(link_flows);
         let ratios = || {
-            let roads = network.links().iter().zip(link_flows);
+            let roads = network.roads().iter().zip(link_flows);
             roads.map(|(link, flow)| flow / link.capacity)
         };
+        let roads = network.roads().len();
         let total: f64 = link_flows.iter().zip(&link_costs).map(|(x, c)| x * c).sum();
         Self {
-            mean_volume_over_capacity: quotient(ratios().sum(), link_flows.len() as f64),
+            mean_volume_over_capacity: quotient(ratios().sum(), roads as f64),
             max_volume_over_capacity: ratios().fold(0.0, f64::max),
-            mean_link_time: quotient(link_costs.iter().sum(), link_flows.len() as f64),
+            mean_link_time: quotient(link_costs[..roads].iter().sum(), roads as f64),
             mean_trip_time: quotient(total, demand.total()),
         }
     }

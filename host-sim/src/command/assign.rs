@@ -1,6 +1,7 @@
 //! `host-sim assign`: static traffic assignment on a TNTP, GMNS or SUMO network or on the urban grid.
 
 mod flow_files;
+mod import;
 mod outputs;
 
 use crate::assign::{AssignSource, Assignment, MAX_ITERATIONS, stop_name};
@@ -17,6 +18,8 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+pub use import::ImportArguments;
+
 /// The name that takes the place of a network file: the urban grid, which brings its own demand.
 const GRID: &str = "grid";
 
@@ -29,14 +32,18 @@ const CONVERGENCE_ROWS: usize = 12;
 /// Assign demand to a road network: user equilibrium or system optimum.
 #[derive(Debug, Clone, clap::Args)]
 pub struct AssignArguments {
-    /// TNTP network file, folder with GMNS node.csv and link.csv, SUMO net.xml, or `grid` for the urban grid of 4x4
-    /// intersections
+    /// TNTP network file, folder with GMNS node.csv and link.csv, SUMO net.xml or net.xml.gz, or `grid` for the urban grid of
+    /// 4x4 intersections
     #[arg(long, value_name = "FILE|DIR|grid")]
     pub net: String,
-    /// Trips in the network's format: TNTP trip table, CSV o_zone_id,d_zone_id,volume, or SUMO trips or routes (a vehicle
-    /// counts one per hour); none with `grid`, which brings one vehicle per hour and pair of intersections
+    /// Trips: TNTP trip table, CSV of pairs such as o_zone_id,d_zone_id,volume, CSV matrix, or for SUMO's networks trips, flows
+    /// or routes (a vehicle counts one per hour); [default: demand.csv in a GMNS folder]; none with `grid`, which brings one
+    /// vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
+    /// What the files do not say.
+    #[command(flatten)]
+    pub import: ImportArguments,
     /// Factor on all trips
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub demand_factor: f64,
@@ -99,8 +106,11 @@ pub struct AssignArguments {
 
 impl AssignArguments {
     /// The assignment that the options describe.
-    pub fn source(&self) -> AssignSource {
-        AssignSource {
+    ///
+    /// # Errors
+    /// An option of the readers that makes no sense.
+    pub fn source(&self) -> Result<AssignSource> {
+        Ok(AssignSource {
             net: (self.net != GRID).then(|| PathBuf::from(&self.net)),
             trips: self.trips.clone(),
             demand_factor: self.demand_factor,
@@ -113,7 +123,10 @@ impl AssignArguments {
             gap: self.gap,
             max_iterations: self.max_iterations,
             threads: usize::from(self.threads),
-        }
+            import: self.import.options()?,
+            unreachable: self.import.unreachable,
+            strict: self.import.strict,
+        })
     }
 }
 
@@ -125,7 +138,10 @@ impl AssignArguments {
 pub fn run(arguments: &AssignArguments) -> Result<()> {
     let start = Instant::now();
     outputs::check_options(arguments)?;
-    let assignment = arguments.source().read()?;
+    let source = arguments.source()?;
+    let import = source.import()?;
+    arguments.import.write_lost(&import)?;
+    let assignment = source.assignment(import)?;
     match &arguments.check {
         Some(path) => judge(arguments, &assignment, path, start),
         None => solve(arguments, &assignment, start),
@@ -137,6 +153,7 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
         network,
         demand,
         options,
+        ..
     } = assignment;
     let selection = outputs::Selection::new(arguments, network)?;
     let start_paths = match &arguments.warm {
@@ -155,10 +172,14 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     if let Some(progress) = progress {
         progress.finish();
     }
-    outputs::write(arguments, (network, demand), &selection, &solution)?;
+    let report = assignment.report_with(&solution.link_flows)?;
+    outputs::write(arguments, assignment, &selection, &solution)?;
     let seconds_total = start.elapsed().as_secs_f64();
+    import::print_report(&report, arguments.json);
     if arguments.json {
-        let object = timed(assignment.to_json(&solution), seconds, seconds_total);
+        let mut object = timed(assignment.to_json(&solution), seconds, seconds_total);
+        object["unreachable_pairs"] = json!(assignment.lost.len());
+        object["import"] = import::report_json(&report);
         say!("{object}");
     } else {
         print_problem(network, demand);
@@ -190,6 +211,7 @@ fn judge(
         network,
         demand,
         options,
+        ..
     } = assignment;
     let link_flows = flow_files::read(path, network)?;
     let check_start = Instant::now();
@@ -203,8 +225,11 @@ fn judge(
             network.node_name(evaluation.worst_node)
         );
     }
+    let report = assignment.report_with(&link_flows)?;
+    import::print_report(&report, arguments.json);
     if arguments.json {
-        let object = timed(evaluation_json(options.gap, &evaluation), seconds, seconds_total);
+        let mut object = timed(evaluation_json(options.gap, &evaluation), seconds, seconds_total);
+        object["import"] = import::report_json(&report);
         say!("{object}");
     } else {
         print_problem(network, demand);

@@ -1,7 +1,8 @@
 //! The files that `assign` writes beside its report.
 
 use super::{AssignArguments, flow_files};
-use assignment::{Algorithm, Demand, Network, Solution, convergence, gmns, path_flows, select_link, skims};
+use crate::assign::Assignment;
+use assignment::{Algorithm, Network, Solution, convergence, gmns, path_flows, select_link, skims};
 use kit::error::{Error, Result};
 use kit::files::{check_output, write_set, write_whole};
 use std::path::{Path, PathBuf};
@@ -95,10 +96,11 @@ impl<'a> Selection<'a> {
 /// Writes every file that was asked for; all texts are made before the first is written.
 pub(super) fn write(
     arguments: &AssignArguments,
-    (network, demand): (&Network, &Demand),
+    assignment: &Assignment,
     selection: &Selection<'_>,
     solution: &Solution,
 ) -> Result<()> {
+    let Assignment { network, demand, .. } = assignment;
     let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
     let costs = &solution.link_costs;
     if let Some(path) = &arguments.flows {
@@ -126,11 +128,8 @@ pub(super) fn write(
         write_whole(path, &bytes)?;
     }
     if let Some(folder) = &arguments.gmns {
-        let set = [
-            ("node.csv".to_owned(), gmns::format_nodes(network)),
-            ("link.csv".to_owned(), gmns::format_links(network)),
-            ("demand.csv".to_owned(), gmns::format_demand(network, demand)),
-        ];
+        let mut set = gmns::format_network(network, &gmns::Extras::default());
+        set.push(("demand.csv".to_owned(), gmns::format_demand(network, demand)));
         write_set(folder, &set)?;
     }
     Ok(())

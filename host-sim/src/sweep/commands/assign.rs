@@ -85,6 +85,7 @@ fn prepare(settings: &Settings<'_>) -> Result<Task> {
         max_iterations: most.map_or(default.max_iterations, |most| most as usize),
         // Points run side by side.
         threads: 1,
+        ..default
     };
     let assignment = source.read()?;
     Ok(Box::new(move || {
