@@ -741,3 +741,80 @@ fn shortest(map: &RoadMap, side: u32, from: u32, to: u32, stream: &mut Stream) -
     }
     route
 }
+
+/// One of SUMO's programs that only tests need.
+fn tool(name: &str, arguments: &[&str], folder: &Path) -> std::process::Output {
+    let home = std::env::var_os("SUMO_HOME").map(|home| Path::new(&home).join("bin").join(name));
+    let program = home.unwrap_or_else(|| name.into());
+    let output = std::process::Command::new(program)
+        .args(arguments)
+        .current_dir(folder)
+        .output();
+    output.expect("./test sumo installs it")
+}
+
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn sumo_can_drive_every_route_of_an_assignment() {
+    use assignment::formats::{ImportOptions, Unreachable, import};
+    use assignment::{Options, assign};
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let grid = "--grid --grid.number 8 --grid.length 200 --no-left-connections --no-turnarounds --output-file net.xml";
+    let made = tool("netgenerate", &grid.split(' ').collect::<Vec<_>>(), folder.path());
+    assert!(made.status.success(), "{made:?}");
+    // From every edge to one that a stride away in the file.
+    let net = std::fs::read_to_string(path("net.xml")).expect("a network");
+    let edges = net
+        .split("<edge id=\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next());
+    let edges: Vec<&str> = edges.filter(|id| !id.starts_with(':')).collect();
+    let mut trips = String::from("<routes>\n");
+    for (index, from) in edges.iter().enumerate() {
+        let to = edges[(index + 97) % edges.len()];
+        trips += &format!("<trip id=\"{index}\" depart=\"{index}\" from=\"{from}\" to=\"{to}\"/>\n");
+    }
+    std::fs::write(path("trips.xml"), trips + "</routes>\n").expect("written");
+    let mut read = import(
+        &path("net.xml"),
+        Some(&path("trips.xml")),
+        &ImportOptions::default(),
+    )
+    .expect("read");
+    // Without left turns some corners cannot be reached from everywhere.
+    read.settle(Unreachable::Drop).expect("left out");
+    let solution = assign(&read.network, &read.demand, &Options::default()).expect("solved");
+    assert!(solution.converged && solution.path_flows.len() > 100);
+    let mut routes = String::from("<routes>\n");
+    for (index, way) in solution.path_flows.iter().enumerate() {
+        let roads = way
+            .links
+            .iter()
+            .filter_map(|&link| read.roads.names.get(link as usize));
+        let roads: Vec<&str> = roads.map(String::as_str).collect();
+        let edges = roads.join(" ");
+        routes +=
+            &format!("<vehicle id=\"{index}\" depart=\"{index}\"><route edges=\"{edges}\"/></vehicle>\n");
+    }
+    std::fs::write(path("routes.xml"), routes + "</routes>\n").expect("written");
+    let checked = tool(
+        "duarouter",
+        &[
+            "--net-file",
+            "net.xml",
+            "--route-files",
+            "routes.xml",
+            "--output-file",
+            "out.xml",
+        ],
+        folder.path(),
+    );
+    assert!(
+        checked.status.success(),
+        "{}",
+        String::from_utf8_lossy(&checked.stderr)
+    );
+    let driven = std::fs::read_to_string(path("out.xml")).expect("routes");
+    assert_eq!(driven.matches("<vehicle ").count(), solution.path_flows.len());
+}
