@@ -2,7 +2,7 @@
 
 use crate::path_based::{self, Block, Start};
 use crate::problem::{Problem, Progress};
-use crate::{Algorithm, Demand, Network, NodeNumbering, Options, PathFlow, Solution};
+use crate::{Algorithm, Demand, Network, NodeNumbering, Options, PathFlows, Solution};
 use kit::error::{Error, Result};
 
 /// Solves one demand again and again, each time from where the last solve ended: on networks with the same links, whose
@@ -81,14 +81,14 @@ impl Assigner {
             ends: kept_ends,
             blocks,
         });
-        Ok(progress.into_solution(network, link_flows, Vec::new()))
+        Ok(progress.into_solution(network, link_flows, PathFlows::default()))
     }
 
     /// The paths that the trips take in the last solution; empty before the first.
-    pub fn path_flows(&self) -> Vec<PathFlow> {
+    pub fn path_flows(&self) -> PathFlows {
         let last = self.last.as_ref();
-        last.map_or_else(Vec::new, |last| {
-            path_based::path_flows(&self.demand, &last.blocks)
+        last.map_or_else(PathFlows::default, |last| {
+            path_based::path_flows(&self.demand, last.blocks.clone())
         })
     }
 }

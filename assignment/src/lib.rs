@@ -57,10 +57,11 @@ pub mod link;
 mod link_rows;
 pub mod network;
 mod newton;
+mod origin_paths;
 mod path_based;
 pub mod path_flows;
-mod path_set;
 mod path_shift;
+mod path_tree;
 mod problem;
 #[cfg(feature = "formats")]
 pub mod reach;
@@ -90,7 +91,7 @@ pub use kit::error::{Error, Result};
 pub use kit::files::Text;
 pub use link::{CostWeights, Link, NodeNumbering};
 pub use network::{Names, Network};
-pub use path_flows::PathFlow;
+pub use path_flows::{PathFlow, PathFlows};
 pub use volume_delay::VolumeDelay;
 
 use kit::choice::Choice;
@@ -248,9 +249,9 @@ pub struct Solution {
     pub converged: bool,
     /// Why it ended.
     pub stopped: Stop,
-    /// The paths that the trips take, by ascending origin and destination; empty with the Frank-Wolfe family, which
-    /// knows link flows only. They are a start for [`assign_from`].
-    pub path_flows: Vec<PathFlow>,
+    /// The paths that the trips take; empty with the Frank-Wolfe family, which knows link flows only. They are a start for
+    /// [`assign_from`].
+    pub path_flows: PathFlows,
     /// One record per iteration, the initial loading first.
     pub convergence: Vec<IterationRecord>,
 }
@@ -287,7 +288,7 @@ pub fn assign_from(
     network: &Network,
     demand: &Demand,
     options: &Options,
-    start: &[PathFlow],
+    start: &PathFlows,
     observe: &mut dyn FnMut(&IterationRecord),
 ) -> Result<Solution> {
     if options.algorithm != Algorithm::PathBased {
@@ -298,7 +299,7 @@ pub fn assign_from(
             expected,
         ));
     }
-    let start = path_flows::WarmStart::new(network, start)?;
+    start.check(network)?;
     solve(network, demand, options, path_based::Start::Paths(start), observe)
 }
 
@@ -315,11 +316,11 @@ fn solve(
     let (link_flows, path_flows) = match options.algorithm {
         Algorithm::FrankWolfe | Algorithm::ConjugateFrankWolfe | Algorithm::BiconjugateFrankWolfe => (
             frank_wolfe::solve(&problem, options.algorithm, &mut progress)?,
-            Vec::new(),
+            PathFlows::default(),
         ),
         Algorithm::PathBased => {
             let (link_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
-            (link_flows, path_based::path_flows(demand, &blocks))
+            (link_flows, path_based::path_flows(demand, blocks))
         }
     };
     Ok(progress.into_solution(network, link_flows, path_flows))

@@ -7,7 +7,7 @@
 //! Routing in Networks", IEEE Transactions on Communications 32, 1984).
 
 use crate::line_search::exact_step;
-use crate::path_set::Pair;
+use crate::origin_paths::Pair;
 use crate::path_shift::LinkState;
 use crate::problem::dot;
 
@@ -71,12 +71,12 @@ impl System {
                     continue;
                 }
                 stamp += 2;
-                for &link in pair.paths[largest].links(pair.links) {
+                for link in pair.links.of(&pair.paths[largest]) {
                     stamps[link as usize] = stamp;
                 }
                 let begin = system.links.len();
                 let mut curvature = 0.0;
-                for &link in path.links(pair.links) {
+                for link in pair.links.of(path) {
                     let known = &mut stamps[link as usize];
                     if *known == stamp {
                         *known = stamp + 1;
@@ -85,7 +85,7 @@ impl System {
                         curvature += state.derivatives[link as usize];
                     }
                 }
-                for &link in pair.paths[largest].links(pair.links) {
+                for link in pair.links.of(&pair.paths[largest]) {
                     if stamps[link as usize] == stamp {
                         system.links.push(link | LEAVING);
                         curvature += state.derivatives[link as usize];

@@ -7,19 +7,17 @@
 //! from the paths, so that rounding does not pile up.
 
 use crate::all_or_nothing::unreachable_pair;
-use crate::demand::Demand;
+use crate::demand::{Demand, OriginDemand};
 use crate::line_search::exact_step;
 use crate::newton;
-use crate::path_flows::{PathFlow, WarmStart};
-use crate::path_set::{Pair, PathSet, path_cost};
+use crate::origin_paths::{OriginPaths, Pair, Workshop};
+use crate::path_flows::{FlowInTree, OriginFlows, PathFlows};
 use crate::path_shift::{LinkState, Shift};
+use crate::path_tree::PathTree;
 use crate::problem::{Problem, Progress, dot, relative_gap};
 use crate::shortest_path::{SearchOrder, ShortestPathTree};
 use kit::error::Result;
 use std::ops::Range;
-
-/// A new path must be cheaper than the known ones by more than this share: sums in another order differ by as much.
-const PATH_COST_TOLERANCE: f64 = 1e-14;
 
 /// Most sweeps over all pairs between two searches for new paths (chosen with the three that follow: of the settings
 /// tried they take the least time to gaps from 1e-4 to 1e-12).
@@ -56,7 +54,7 @@ pub(crate) enum Start<'s> {
     /// At cheapest paths.
     Nothing,
     /// At known paths, of whatever origin.
-    Paths(WarmStart<'s>),
+    Paths(&'s PathFlows),
     /// Where the last solve ended, for the same demand on the same links.
     End(Vec<Block>),
 }
@@ -71,11 +69,9 @@ pub(crate) fn solve(
     let is_warm = !matches!(start, Start::Nothing);
     let mut blocks = match start {
         Start::Nothing => initial_loading(problem, None, &mut state)?,
-        Start::Paths(start) => initial_loading(problem, Some(&start), &mut state)?,
+        Start::Paths(start) => initial_loading(problem, Some(start), &mut state)?,
         Start::End(mut blocks) => {
-            // The last search may have found paths that were not worth while then.
-            problem.for_each(&mut blocks, |block| block.take_in_found(problem));
-            sum_paths(&blocks, &mut state);
+            sum_paths(&mut blocks, &mut state);
             blocks
         }
     };
@@ -86,7 +82,7 @@ pub(crate) fn solve(
     }
     let mut creeps = false;
     loop {
-        sum_paths(&blocks, &mut state);
+        sum_paths(&mut blocks, &mut state);
         problem.for_each(&mut blocks, |block| {
             block.find_cheaper_paths(problem, &state.costs);
         });
@@ -95,35 +91,46 @@ pub(crate) fn solve(
         if progress.record(gap, problem.objective(&state.flows)) {
             return Ok((state.flows, blocks));
         }
-        problem.for_each(&mut blocks, |block| block.take_in_found(problem));
         creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
     }
 }
 
 /// The paths that carry anything, as a result.
-pub(crate) fn path_flows(demand: &Demand, blocks: &[Block]) -> Vec<PathFlow> {
-    let path_flows = blocks.iter().flat_map(|block| block.path_flows(demand));
-    path_flows.collect()
+pub(crate) fn path_flows(demand: &Demand, blocks: Vec<Block>) -> PathFlows {
+    let origins = blocks.into_iter().flat_map(|block| block.paths);
+    let flows = origins.zip(demand.origins()).map(|(paths, from)| {
+        let volumes = from.destinations.iter().map(|&(_, volume)| volume);
+        let used = paths.used(volumes);
+        let flows = used.map(|(pair, end, flow)| FlowInTree::new(from.destinations[pair].0 + 1, end, flow));
+        let flows = flows.collect();
+        OriginFlows::new(from.origin + 1, paths.into_tree(), flows)
+    });
+    PathFlows::new(flows.collect())
 }
 
 /// Link flows as the sum of path flows, and their costs.
-fn sum_paths(blocks: &[Block], state: &mut LinkState<'_>) {
+fn sum_paths(blocks: &mut [Block], state: &mut LinkState<'_>) {
     state.flows.fill(0.0);
+    let demand = state.problem.demand;
     for block in blocks {
-        block.paths.load(&mut state.flows);
+        let origins = &demand.origins()[block.origins.clone()];
+        for (paths, from) in block.paths.iter().zip(origins) {
+            paths.load(&mut block.workshop, &from.destinations, &mut state.flows);
+        }
     }
     state.update();
 }
 
-/// Some origins with the paths of all their pairs.
+/// Some origins with the paths of all their pairs, and room to work on them.
 #[derive(Clone)]
 pub(crate) struct Block {
     /// Indices into the demand's origins.
     origins: Range<usize>,
-    paths: PathSet,
-    tree: ShortestPathTree,
-    /// Per origin, how the last search went.
+    /// Per origin, its paths and how the last search went.
+    paths: Vec<OriginPaths>,
     orders: Vec<SearchOrder>,
+    cheapest: ShortestPathTree,
+    workshop: Workshop,
     shortest_path_cost: f64,
 }
 
@@ -131,47 +138,22 @@ pub(crate) struct Block {
 /// warm start knows take its paths in its shares.
 fn initial_loading(
     problem: &Problem<'_>,
-    start: Option<&WarmStart<'_>>,
+    start: Option<&PathFlows>,
     state: &mut LinkState<'_>,
 ) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
-    let mut links = Vec::new();
     let mut next = 0;
     for origins in problem.origin_blocks() {
         let mut block = Block {
             origins: next..next + origins.len(),
-            paths: PathSet::with_capacity(origins.iter().map(|from| from.destinations.len()).sum()),
-            tree: ShortestPathTree::new(problem.network),
+            paths: Vec::with_capacity(origins.len()),
             orders: vec![SearchOrder::default(); origins.len()],
+            cheapest: ShortestPathTree::new(problem.network),
+            workshop: Workshop::new(problem.network),
             shortest_path_cost: 0.0,
         };
         for (index, from) in origins.iter().enumerate() {
-            let mut searched = false;
-            for &(destination, volume) in &from.destinations {
-                let known = start.map_or(&[][..], |start| start.of(from.origin, destination));
-                let total: f64 = known.iter().map(|path| path.volume).sum();
-                for path in known {
-                    let flow = path.volume / total * volume;
-                    state.load(&path.links, flow);
-                    block.paths.push_path(path.links.iter().rev().copied(), flow);
-                }
-                if known.is_empty() {
-                    if !std::mem::replace(&mut searched, true) {
-                        state.update();
-                        let order = &mut block.orders[index];
-                        block
-                            .tree
-                            .search(problem.network, &state.costs, from.origin, order);
-                    }
-                    if block.tree.cost_to(destination) == f64::INFINITY {
-                        return Err(unreachable_pair(problem.network, from.origin, destination));
-                    }
-                    block.tree.trace(problem.network, destination, &mut links);
-                    state.load(&links, volume);
-                    block.paths.push_path(links.iter().copied(), volume);
-                }
-                block.paths.end_pair(volume);
-            }
+            block.load(problem, from, index, start, state)?;
         }
         next = block.origins.end;
         blocks.push(block);
@@ -180,55 +162,63 @@ fn initial_loading(
 }
 
 impl Block {
-    /// Notes the cheapest path of each pair where it is cheaper than all known ones; sums up what all trips would cost on
-    /// the cheapest paths.
-    fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
-        let mut links = Vec::new();
-        self.shortest_path_cost = 0.0;
-        let mut pair = 0;
-        let origins = &problem.demand.origins()[self.origins.clone()];
-        for (from, order) in origins.iter().zip(&mut self.orders) {
-            self.tree.search(problem.network, link_costs, from.origin, order);
-            for &(destination, volume) in &from.destinations {
-                let cost = self.tree.cost_to(destination);
-                self.shortest_path_cost += volume * cost;
-                let used = self.paths.used(pair);
-                let known = used
-                    .map(|(_, links)| path_cost(links, link_costs))
-                    .fold(f64::INFINITY, f64::min);
-                if cost < known * (1.0 - PATH_COST_TOLERANCE) {
-                    self.tree.trace(problem.network, destination, &mut links);
-                    // Summed in the order of the known paths, a path that is known already is not cheaper.
-                    if path_cost(&links, link_costs) < known {
-                        self.paths.note(pair, &links);
-                    }
-                }
-                pair += 1;
+    /// Loads the next origin: pairs that `start` knows on its paths, the others on their cheapest ones.
+    fn load(
+        &mut self,
+        problem: &Problem<'_>,
+        from: &OriginDemand,
+        index: usize,
+        start: Option<&PathFlows>,
+        state: &mut LinkState<'_>,
+    ) -> Result<()> {
+        let known = start.and_then(|start| start.of_origin(from.origin + 1));
+        let mut tree = known.map_or_else(PathTree::default, |known| known.tree().clone());
+        let mut searched = false;
+        self.workshop.begin(from.origin);
+        for &(destination, volume) in &from.destinations {
+            let known = known.map_or(&[][..], |known| known.to(destination + 1));
+            let total: f64 = known.iter().map(|path| path.volume).sum();
+            for path in known {
+                self.workshop.push(path.end, path.volume / total * volume);
             }
+            if known.is_empty() {
+                if !std::mem::replace(&mut searched, true) {
+                    state.update();
+                    let order = &mut self.orders[index];
+                    self.cheapest
+                        .search(problem.network, &state.costs, from.origin, order);
+                }
+                if self.cheapest.cost_to(destination) == f64::INFINITY {
+                    return Err(unreachable_pair(problem.network, from.origin, destination));
+                }
+                self.workshop
+                    .push_cheapest(&mut tree, problem.network, &self.cheapest, destination, volume);
+            }
+            self.workshop.end_pair();
         }
+        let demands = from.destinations.iter().map(|&(_, volume)| volume);
+        let paths = OriginPaths::new(tree, &mut self.workshop, demands);
+        paths.load(&mut self.workshop, &from.destinations, &mut state.flows);
+        self.paths.push(paths);
+        Ok(())
     }
 
-    /// Gives the pairs the paths that were noted.
-    fn take_in_found(&mut self, problem: &Problem<'_>) {
+    /// Gives each pair its cheapest path where it is cheaper than all known ones; sums up what all trips would cost on the
+    /// cheapest paths.
+    fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
+        self.shortest_path_cost = 0.0;
         let origins = &problem.demand.origins()[self.origins.clone()];
-        let destinations = origins.iter().flat_map(|from| &from.destinations);
-        self.paths.take_in(destinations.map(|&(_, volume)| volume));
-    }
-
-    /// The paths that carry anything, as a result.
-    fn path_flows(&self, demand: &Demand) -> impl Iterator<Item = PathFlow> {
-        let ends = demand.origins()[self.origins.clone()].iter().flat_map(|from| {
-            let destinations = from.destinations.iter();
-            destinations.map(|&(destination, _)| (from.origin, destination))
-        });
-        ends.enumerate().flat_map(|(pair, (origin, destination))| {
-            self.paths.used(pair).map(move |(path, links)| PathFlow {
-                origin: origin + 1,
-                destination: destination + 1,
-                volume: path.flow,
-                links: links.iter().rev().copied().collect(),
-            })
-        })
+        for ((from, order), paths) in origins.iter().zip(&mut self.orders).zip(&mut self.paths) {
+            self.cheapest
+                .search(problem.network, link_costs, from.origin, order);
+            self.shortest_path_cost += paths.improve(
+                &mut self.workshop,
+                problem.network,
+                &self.cheapest,
+                link_costs,
+                (from.origin, &from.destinations),
+            );
+        }
     }
 }
 
@@ -285,7 +275,8 @@ fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> 
 
 /// The pairs that know more than one path.
 fn choices<'b>(blocks: &'b mut [Block]) -> impl Iterator<Item = Pair<'b>> {
-    blocks.iter_mut().flat_map(|block| block.paths.choices())
+    let origins = blocks.iter_mut().flat_map(|block| &mut block.paths);
+    origins.flat_map(OriginPaths::choices)
 }
 
 /// Goes on in the direction of the last sweep as long as the objective falls and no path runs empty.
@@ -306,7 +297,7 @@ fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
                 largest_step = largest_step.min(path.flow / -change);
             }
             largest_change = largest_change.max(change.abs() / pair.demand);
-            for &link in path.links(pair.links) {
+            for link in pair.links.of(path) {
                 direction[link as usize] += change;
             }
         }

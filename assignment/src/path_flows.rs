@@ -3,12 +3,17 @@
 use crate::csv_rows::csv_rows;
 use crate::demand::Demand;
 use crate::network::Network;
+use crate::path_tree::{PathTree, ROOT};
 use kit::error::{Error, Result};
 use kit::files::Text;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::{Display, Write as _};
 
 /// First line of a path file.
 pub const HEADER: &str = "origin,destination,volume,cost,links";
+
+/// Stands for indices beyond those of any network's links.
+const NO_LINK: u32 = i32::MAX as u32;
 
 /// One way from an origin to a destination, with the trips that take it.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,8 +79,168 @@ impl PathFlow {
     }
 }
 
+/// The paths that all trips take, by ascending origin and destination. Those of an origin share what they have in common
+/// at their beginning, so that millions of pairs fit.
+#[derive(Debug, Clone, Default)]
+pub struct PathFlows {
+    /// By ascending origin.
+    origins: Vec<OriginFlows>,
+}
+
+/// The paths from one origin.
+#[derive(Debug, Clone)]
+pub(crate) struct OriginFlows {
+    /// Zone, from 1.
+    origin: u32,
+    tree: PathTree,
+    /// By ascending destination.
+    flows: Vec<FlowInTree>,
+}
+
+/// One path of an origin's tree.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FlowInTree {
+    /// Zone, from 1.
+    destination: u32,
+    /// Where in the tree it ends.
+    pub(crate) end: u32,
+    pub(crate) volume: f64,
+}
+
+impl FlowInTree {
+    pub(crate) fn new(destination: u32, end: u32, volume: f64) -> Self {
+        Self {
+            destination,
+            end,
+            volume,
+        }
+    }
+}
+
+impl OriginFlows {
+    /// Zones are numbers from 1; `flows` come by ascending destination.
+    pub(crate) fn new(origin: u32, tree: PathTree, flows: Vec<FlowInTree>) -> Self {
+        Self { origin, tree, flows }
+    }
+
+    pub(crate) fn tree(&self) -> &PathTree {
+        &self.tree
+    }
+
+    /// The paths to a zone, given by number from 1; empty if it had no demand.
+    pub(crate) fn to(&self, destination: u32) -> &[FlowInTree] {
+        let first = self.flows.partition_point(|flow| flow.destination < destination);
+        let rest = &self.flows[first..];
+        let count = rest
+            .iter()
+            .take_while(|flow| flow.destination == destination)
+            .count();
+        &rest[..count]
+    }
+
+    fn iter(&self) -> impl Iterator<Item = PathFlow> {
+        self.flows.iter().map(|flow| PathFlow {
+            origin: self.origin,
+            destination: flow.destination,
+            volume: flow.volume,
+            links: self.tree.path(flow.end),
+        })
+    }
+}
+
+impl PathFlows {
+    /// `origins` come in ascending order.
+    pub(crate) fn new(origins: Vec<OriginFlows>) -> Self {
+        Self { origins }
+    }
+
+    /// How many paths there are.
+    pub fn len(&self) -> usize {
+        self.origins.iter().map(|from| from.flows.len()).sum()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Every path, by ascending origin and destination.
+    pub fn iter(&self) -> impl Iterator<Item = PathFlow> {
+        self.origins.iter().flat_map(OriginFlows::iter)
+    }
+
+    /// Checks every path, as [`PathFlow::check`] does.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the path by its number, from 1.
+    pub fn check(&self, network: &Network) -> Result<()> {
+        for (index, path) in self.iter().enumerate() {
+            path.check(network, format_args!("start: path {}", index + 1))?;
+        }
+        Ok(())
+    }
+
+    /// The paths from a zone, given by number from 1.
+    pub(crate) fn of_origin(&self, origin: u32) -> Option<&OriginFlows> {
+        let index = self.origins.binary_search_by_key(&origin, |from| from.origin);
+        index.ok().map(|index| &self.origins[index])
+    }
+}
+
+impl<'p> IntoIterator for &'p PathFlows {
+    type Item = PathFlow;
+    type IntoIter = Box<dyn Iterator<Item = PathFlow> + 'p>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        Box::new(self.iter())
+    }
+}
+
+impl PartialEq for PathFlows {
+    /// Whether both hold the same paths in the same order.
+    fn eq(&self, other: &Self) -> bool {
+        self.iter().eq(other.iter())
+    }
+}
+
+impl FromIterator<PathFlow> for PathFlows {
+    /// Paths that carry nothing are left out. Those of a pair keep their order.
+    fn from_iter<T: IntoIterator<Item = PathFlow>>(paths: T) -> Self {
+        let mut origins: BTreeMap<u32, OriginFlows> = BTreeMap::new();
+        // Which link goes on where, in the tree of the present origin.
+        let mut present = None;
+        let mut branches = HashMap::new();
+        for path in paths.into_iter().filter(|path| path.volume > 0.0) {
+            let origin = path.origin;
+            let empty = || OriginFlows::new(origin, PathTree::default(), Vec::new());
+            let from = origins.entry(origin).or_insert_with(empty);
+            if present.replace(origin) != Some(origin) {
+                branches.clear();
+                from.tree.for_each(|link, position, before| {
+                    branches.insert((before, link), position);
+                });
+            }
+            let mut end = ROOT;
+            for &link in &path.links {
+                let link = link.min(NO_LINK);
+                let tree = &mut from.tree;
+                end = *branches
+                    .entry((end, link))
+                    .or_insert_with(|| tree.grow(end, [link]));
+            }
+            from.flows
+                .push(FlowInTree::new(path.destination, end, path.volume));
+        }
+        let mut flows = Self::new(origins.into_values().collect());
+        for from in &mut flows.origins {
+            from.flows.sort_by_key(|flow| flow.destination);
+        }
+        flows
+    }
+}
+
 /// Link flows as the sum of path flows, and as many as the network has links.
-pub fn link_flows(network: &Network, path_flows: &[PathFlow]) -> Vec<f64> {
+pub fn link_flows(network: &Network, path_flows: &PathFlows) -> Vec<f64> {
     let mut flows = vec![0.0; network.links().len()];
     for path in path_flows {
         for &link in &path.links {
@@ -87,7 +252,7 @@ pub fn link_flows(network: &Network, path_flows: &[PathFlow]) -> Vec<f64> {
 
 /// Path flows as a path file: one row per path, zones by their names, links by their numbers from 1 with blanks between
 /// them, numbers with all their digits.
-pub fn format_paths(network: &Network, path_flows: &[PathFlow], link_costs: &[f64]) -> String {
+pub fn format_paths(network: &Network, path_flows: &PathFlows, link_costs: &[f64]) -> String {
     let mut text = format!("{HEADER}\n");
     for path in path_flows {
         let (origin, destination) = (
@@ -111,10 +276,9 @@ pub fn format_paths(network: &Network, path_flows: &[PathFlow], link_costs: &[f6
 /// # Errors
 /// [`Error::Input`] naming the line for another header, a missing column, a field
 /// that is no number, or a path that [`PathFlow::check`] refuses.
-pub fn read_paths(text: &Text, network: &Network) -> Result<Vec<PathFlow>> {
+pub fn read_paths(text: &Text, network: &Network) -> Result<PathFlows> {
     let zones = network.zone_numbers();
-    let mut path_flows = Vec::new();
-    for row in csv_rows(text, HEADER)? {
+    let path = |row: Result<(String, [&str; 5])>| {
         let (place, [origin, destination, volume, _cost, links]) = row?;
         let bad = |column: &str, found: &str, expected: &str| {
             Error::input(format!("{place}: {column}"), format!("`{found}`"), expected)
@@ -136,46 +300,14 @@ pub fn read_paths(text: &Text, network: &Network) -> Result<Vec<PathFlow>> {
             links: links.split_whitespace().map(link).collect::<Result<_>>()?,
         };
         path.check(network, &place)?;
-        path_flows.push(path);
-    }
-    Ok(path_flows)
-}
-
-/// The paths of an earlier solution by pair, as a start on a network whose capacities, or with a demand whose volumes
-/// have changed.
-pub(crate) struct WarmStart<'p> {
-    /// By ascending origin and destination.
-    paths: Vec<&'p PathFlow>,
-}
-
-impl<'p> WarmStart<'p> {
-    /// Checks every path, because a network with other links would make nonsense of them.
-    pub(crate) fn new(network: &Network, path_flows: &'p [PathFlow]) -> Result<Self> {
-        for (index, path) in path_flows.iter().enumerate() {
-            path.check(network, format_args!("start: path {}", index + 1))?;
-        }
-        let mut paths: Vec<&PathFlow> = path_flows.iter().filter(|path| path.volume > 0.0).collect();
-        paths.sort_by_key(|path| (path.origin, path.destination));
-        Ok(Self { paths })
-    }
-
-    /// The paths of a pair, zones as indices from 0; empty if it had no demand.
-    pub(crate) fn of(&self, origin: u32, destination: u32) -> &[&'p PathFlow] {
-        let pair = (origin + 1, destination + 1);
-        let first = self
-            .paths
-            .partition_point(|path| (path.origin, path.destination) < pair);
-        let rest = &self.paths[first..];
-        let paths = rest
-            .iter()
-            .take_while(|path| (path.origin, path.destination) == pair);
-        &rest[..paths.count()]
-    }
+        Ok(path)
+    };
+    csv_rows(text, HEADER)?.map(path).collect()
 }
 
 /// Whether the paths carry each pair's demand, within `tolerance` of it.
-pub fn carry_demand(path_flows: &[PathFlow], demand: &Demand, tolerance: f64) -> bool {
-    let mut carried = std::collections::BTreeMap::new();
+pub fn carry_demand(path_flows: &PathFlows, demand: &Demand, tolerance: f64) -> bool {
+    let mut carried = BTreeMap::new();
     for path in path_flows {
         *carried.entry((path.origin, path.destination)).or_insert(0.0) += path.volume;
     }

@@ -1,6 +1,7 @@
 //! Newton shifts of flow between the paths of an origin-destination pair.
 
-use crate::path_set::{NEGLIGIBLE_SHARE, Pair, path_cost};
+use crate::origin_paths::{NEGLIGIBLE_SHARE, Pair};
+use crate::path_tree::Way;
 use crate::problem::Problem;
 
 /// A shift that turns the difference of two path costs around by more than this share of it was too long.
@@ -37,11 +38,10 @@ impl<'a> LinkState<'a> {
         }
     }
 
-    /// Adds a path's flow, without its costs.
-    pub(crate) fn load(&mut self, links: &[u32], flow: f64) {
-        for &link in links {
-            self.flows[link as usize] += flow;
-        }
+    /// Cost of some links.
+    #[inline]
+    fn cost(&self, links: Way<'_>) -> f64 {
+        links.map(|link| self.costs[link as usize]).sum()
     }
 
     /// Adds `change` to the flow of some links; returns the sum of their costs then.
@@ -90,7 +90,7 @@ impl Shift {
         } = pair;
         let (mut cheapest, mut least, mut most) = (0, f64::INFINITY, 0.0);
         for (index, path) in paths.iter().enumerate() {
-            let cost = path_cost(path.links(links), &state.costs);
+            let cost = state.cost(links.of(path));
             if cost < least {
                 (cheapest, least) = (index, cost);
             }
@@ -102,16 +102,16 @@ impl Shift {
             return 0.0;
         }
         self.stamp += 2;
-        let cheapest_links = paths[cheapest].links(links);
-        for &link in cheapest_links {
+        let cheapest_links = links.of(&paths[cheapest]);
+        for link in cheapest_links.clone() {
             self.stamps[link as usize] = self.stamp;
         }
         for index in 0..paths.len() {
             if index == cheapest || paths[index].flow == 0.0 {
                 continue;
             }
-            let dearer = (paths[index].links(links), paths[index].flow);
-            let moved = self.between(dearer, (cheapest_links, paths[cheapest].flow), state);
+            let dearer = (links.of(&paths[index]), paths[index].flow);
+            let moved = self.between(dearer, (cheapest_links.clone(), paths[cheapest].flow), state);
             paths[index].flow -= moved;
             paths[cheapest].flow += moved;
             if paths[index].flow < NEGLIGIBLE_SHARE * *demand {
@@ -127,8 +127,8 @@ impl Shift {
     /// negative if earlier shifts of the pair made it the cheaper one.
     fn between(
         &mut self,
-        (dearer, dearer_flow): (&[u32], f64),
-        (cheapest, cheapest_flow): (&[u32], f64),
+        (dearer, dearer_flow): (Way<'_>, f64),
+        (cheapest, cheapest_flow): (Way<'_>, f64),
         state: &mut LinkState<'_>,
     ) -> f64 {
         let (difference, slope) = self.compare(dearer, cheapest, state);
@@ -160,12 +160,12 @@ impl Shift {
 
     /// Splits off the links that the two paths do not share. Returns the difference of the path costs, and by how much
     /// each vehicle that is moved diminishes it.
-    fn compare(&mut self, dearer: &[u32], cheapest: &[u32], state: &LinkState<'_>) -> (f64, f64) {
+    fn compare(&mut self, dearer: Way<'_>, cheapest: Way<'_>, state: &LinkState<'_>) -> (f64, f64) {
         let (in_cheapest, in_both) = (self.stamp, self.stamp + 1);
         let (mut difference, mut slope) = (0.0, 0.0);
         self.leaving.clear();
         self.joining.clear();
-        for &link in dearer {
+        for link in dearer {
             let index = link as usize;
             if self.stamps[index] == in_cheapest {
                 self.stamps[index] = in_both;
@@ -175,7 +175,7 @@ impl Shift {
                 slope += state.derivatives[index];
             }
         }
-        for &link in cheapest {
+        for link in cheapest {
             let index = link as usize;
             if self.stamps[index] == in_both {
                 self.stamps[index] = in_cheapest;

@@ -1,7 +1,7 @@
 //! What every algorithm is given: the problem as numbers, the worker threads, and the log of its progress.
 
 use crate::demand::OriginDemand;
-use crate::{Algorithm, Demand, IterationRecord, Network, Options, PathFlow, Solution, Stop, VolumeDelay};
+use crate::{Algorithm, Demand, IterationRecord, Network, Options, PathFlows, Solution, Stop, VolumeDelay};
 use kit::error::{Error, Result};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -241,7 +241,7 @@ impl<'a> Progress<'a> {
         self,
         network: &Network,
         link_flows: Vec<f64>,
-        path_flows: Vec<PathFlow>,
+        path_flows: PathFlows,
     ) -> Solution {
         let link_costs = network.link_costs(&link_flows);
         let last = self.records.last();

@@ -4,7 +4,7 @@
 //! show one of many equally good answers. A gap of 1e-6 still leaves errors of several vehicles; solve to 1e-10 for this.
 
 use crate::network::Network;
-use crate::path_flows::PathFlow;
+use crate::path_flows::PathFlows;
 use kit::error::{Error, Result};
 use std::fmt::Write as _;
 
@@ -41,25 +41,37 @@ pub fn links_between(network: &Network, place: &str, init_node: &str, term_node:
     Ok(found)
 }
 
-/// The pairs whose trips use any of `links`, by ascending origin and destination. `path_flows` come in that order, as in
-/// [`Solution::path_flows`](crate::Solution::path_flows).
-pub fn select_links(path_flows: &[PathFlow], links: &[u32]) -> Vec<SelectedPair> {
-    let of_one_pair = |a: &PathFlow, b: &PathFlow| (a.origin, a.destination) == (b.origin, b.destination);
-    let mut selected = Vec::new();
-    for paths in path_flows.chunk_by(of_one_pair) {
-        let uses = |path: &&PathFlow| path.links.iter().any(|link| links.contains(link));
-        let volume: f64 = paths.iter().filter(uses).map(|path| path.volume).sum();
-        if volume > 0.0 {
-            let total: f64 = paths.iter().map(|path| path.volume).sum();
-            selected.push(SelectedPair {
-                origin: paths[0].origin,
-                destination: paths[0].destination,
-                volume,
-                share: volume / total,
-            });
+/// The pairs whose trips use any of `links`, by ascending origin and destination.
+pub fn select_links(path_flows: &PathFlows, links: &[u32]) -> Vec<SelectedPair> {
+    // What uses the links, and the pair's whole volume.
+    let mut pairs: Vec<(SelectedPair, f64)> = Vec::new();
+    for path in path_flows {
+        let (origin, destination) = (path.origin, path.destination);
+        if pairs
+            .last()
+            .is_none_or(|(pair, _)| (pair.origin, pair.destination) != (origin, destination))
+        {
+            let pair = SelectedPair {
+                origin,
+                destination,
+                volume: 0.0,
+                share: 0.0,
+            };
+            pairs.push((pair, 0.0));
+        }
+        if let Some((pair, total)) = pairs.last_mut() {
+            *total += path.volume;
+            if path.links.iter().any(|link| links.contains(link)) {
+                pair.volume += path.volume;
+            }
         }
     }
-    selected
+    let selected = pairs.into_iter().filter(|(pair, _)| pair.volume > 0.0);
+    let shares = selected.map(|(pair, total)| SelectedPair {
+        share: pair.volume / total,
+        ..pair
+    });
+    shares.collect()
 }
 
 /// The rows of a select-link file for the links from one node to another, without the [`HEADER`].

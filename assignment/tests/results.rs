@@ -9,7 +9,7 @@ use assignment::select_link::{links_between, select_links};
 use assignment::skims::{format_skims, skims};
 use assignment::tntp::{read_network, read_trips};
 use assignment::{
-    Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlow, Solution, Stop, Text,
+    Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlows, Solution, Stop, Text,
     assign, assign_from, convergence, demand::Trip,
 };
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ fn options(gap: f64) -> Options {
     }
 }
 
-fn warm(network: &Network, demand: &Demand, gap: f64, start: &[PathFlow]) -> Solution {
+fn warm(network: &Network, demand: &Demand, gap: f64, start: &PathFlows) -> Solution {
     assign_from(network, demand, &options(gap), start, &mut |_| {}).unwrap()
 }
 

@@ -5,7 +5,7 @@ use assignment::formats::{Import, ImportOptions, LostTrips, RoadData, Unreachabl
 use assignment::link::check_not_negative;
 use assignment::report::{ImportReport, NoteKind};
 use assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, PathFlow, Solution, Stop,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, PathFlows, Solution, Stop,
     assign_from, assign_observed, formats, grid::Grid, report,
 };
 use kit::error::{Error, Result};
@@ -173,7 +173,7 @@ impl Assignment {
     /// As [`assign_observed`] and [`assign_from`].
     pub fn solve(
         &self,
-        start: Option<&[PathFlow]>,
+        start: Option<&PathFlows>,
         observe: &mut dyn FnMut(&IterationRecord),
     ) -> Result<Solution> {
         let Self {

@@ -167,7 +167,7 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
             progress.show(record.iteration, record.relative_gap);
         }
     };
-    let solution = assignment.solve(start_paths.as_deref(), &mut observe)?;
+    let solution = assignment.solve(start_paths.as_ref(), &mut observe)?;
     let seconds = solve_start.elapsed().as_secs_f64();
     if let Some(progress) = progress {
         progress.finish();

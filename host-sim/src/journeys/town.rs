@@ -128,8 +128,7 @@ impl Town {
             gap: RELATIVE_GAP,
             ..Options::default()
         };
-        let mut paths = assign(&network, demand, &options)?.path_flows;
-        paths.retain(|path| !path.links.is_empty() && path.volume > 0.0);
+        let paths: Vec<PathFlow> = assign(&network, demand, &options)?.path_flows.iter().collect();
         if paths.is_empty() {
             let expected = "trips between nodes that lie apart";
             return Err(Error::input("trips", "none of any length", expected));
