@@ -67,12 +67,12 @@ impl PathTree {
     /// Where two ways part.
     pub(crate) fn fork(&self, a: u32, b: u32) -> u32 {
         let (mut a, mut b) = (self.way(a, ROOT), self.way(b, ROOT));
-        while a.position != b.position {
+        while a.position() != b.position() {
             // Whichever lies further back in the list is no part of the other.
-            let further = if a.position > b.position { &mut a } else { &mut b };
+            let further = if a.position() > b.position() { &mut a } else { &mut b };
             further.next();
         }
-        a.position
+        a.position()
     }
 
     /// Calls `visit` with every link, its position and that of the link before it, from the root to the leaves.
@@ -111,8 +111,8 @@ impl PathTree {
         moved[ROOT as usize] = ROOT;
         for &end in ends.iter() {
             let mut way = self.way(end, ROOT);
-            while moved[way.position as usize] == NOWHERE {
-                moved[way.position as usize] = ROOT;
+            while moved[way.position() as usize] == NOWHERE {
+                moved[way.position() as usize] = ROOT;
                 way.next();
             }
         }
@@ -137,7 +137,7 @@ impl PathTree {
 #[derive(Clone)]
 pub(crate) struct Way<'t> {
     entries: &'t [u32],
-    /// Of the next link.
+    /// Of the next link, or of the mark that leads there.
     position: u32,
     start: u32,
 }
@@ -145,7 +145,8 @@ pub(crate) struct Way<'t> {
 impl Way<'_> {
     /// Where the rest of it ends.
     pub(crate) fn position(&self) -> u32 {
-        self.position
+        let entry = self.entries[self.position as usize];
+        if entry & FORK == 0 { self.position } else { entry & !FORK }
     }
 }
 
@@ -154,15 +155,14 @@ impl Iterator for Way<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<u32> {
-        if self.position == self.start {
-            return None;
+        while self.position != self.start {
+            let entry = self.entries[self.position as usize];
+            if entry & FORK == 0 {
+                self.position -= 1;
+                return Some(entry);
+            }
+            self.position = entry & !FORK;
         }
-        let link = self.entries[self.position as usize];
-        self.position -= 1;
-        let before = self.entries[self.position as usize];
-        if before & FORK != 0 {
-            self.position = before & !FORK;
-        }
-        Some(link)
+        None
     }
 }
