@@ -19,9 +19,11 @@ pub struct ShortestPathTree {
     heap: NodeHeap,
     /// Nodes whose outgoing links have been looked at.
     scanned: Vec<bool>,
+    /// Nodes by ascending cost, the origin first.
+    order: Vec<u32>,
     /// Nodes that were looked at again, by ascending cost.
     corrected: Vec<u32>,
-    /// Room for a search order to be merged into.
+    /// Room for an order to be merged into.
     merged: Vec<u32>,
 }
 
@@ -29,9 +31,7 @@ pub struct ShortestPathTree {
 /// little, begins with it and needs a priority queue only for what has changed.
 #[derive(Debug, Clone, Default)]
 pub struct SearchOrder {
-    /// By ascending cost, the origin first.
-    nodes: Vec<u32>,
-    /// By which link the tree enters each of these nodes but the first.
+    /// The links of the tree, by ascending cost of the nodes that they enter.
     entering_links: Vec<u32>,
 }
 
@@ -45,6 +45,7 @@ impl ShortestPathTree {
             entering_link: vec![NONE; nodes],
             heap: NodeHeap::new(nodes),
             scanned: vec![false; nodes],
+            order: Vec::new(),
             corrected: Vec::new(),
             merged: Vec::new(),
         }
@@ -61,19 +62,20 @@ impl ShortestPathTree {
         self.entering_link.fill(NONE);
         self.heap.clear();
         self.cost[origin as usize] = 0.0;
-        if order.nodes.is_empty() {
+        self.order.clear();
+        if order.entering_links.is_empty() {
             self.heap.put(0.0, origin);
             while let Some((cost, node)) = self.heap.pop() {
-                order.nodes.push(node);
+                self.order.push(node);
                 self.scan(network, link_costs, cost, node);
             }
             self.remember_tree(order);
         } else {
             self.grow_again(network, link_costs, order);
-            let improved = self.follow(network, link_costs, &order.nodes);
+            let improved = self.follow(network, link_costs);
             self.correct(network, link_costs);
             if !self.corrected.is_empty() {
-                self.merge_corrected(&mut order.nodes);
+                self.merge_corrected();
             }
             if improved {
                 self.remember_tree(order);
@@ -99,11 +101,8 @@ impl ShortestPathTree {
 
     /// Keeps the tree for the next search, in the order of the nodes.
     fn remember_tree(&self, order: &mut SearchOrder) {
-        let entering = order
-            .nodes
-            .iter()
-            .skip(1)
-            .map(|&node| self.entering_link[node as usize]);
+        let nodes = self.order.iter().skip(1);
+        let entering = nodes.map(|&node| self.entering_link[node as usize]);
         order.entering_links.clear();
         order.entering_links.extend(entering);
     }
@@ -111,8 +110,10 @@ impl ShortestPathTree {
     /// The old tree at the new costs.
     fn grow_again(&mut self, network: &Network, link_costs: &[f64], order: &SearchOrder) {
         let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
-        for (&node, &link) in order.nodes.iter().skip(1).zip(&order.entering_links) {
-            let from = network.init_node(link);
+        self.order.push(self.origin);
+        for &link in &order.entering_links {
+            let (from, node) = (network.init_node(link), network.term_node(link));
+            self.order.push(node);
             cost[node as usize] = cost[from as usize] + link_costs[link as usize];
             entering_link[node as usize] = link;
         }
@@ -120,12 +121,12 @@ impl ShortestPathTree {
 
     /// Looks at all nodes in the old order; only nodes that are improved after their turn are queued. Returns whether any
     /// was improved.
-    fn follow(&mut self, network: &Network, link_costs: &[f64], order: &[u32]) -> bool {
+    fn follow(&mut self, network: &Network, link_costs: &[f64]) -> bool {
         self.scanned.fill(false);
         let (cost, entering_link) = (self.cost.as_mut_slice(), self.entering_link.as_mut_slice());
         let scanned = self.scanned.as_mut_slice();
         let mut improved = false;
-        for &node in order {
+        for &node in &self.order {
             let node_cost = cost[node as usize];
             scanned[node as usize] = true;
             for outgoing in network.outgoing_through(node as usize) {
@@ -154,13 +155,13 @@ impl ShortestPathTree {
     }
 
     /// Moves the corrected nodes to where their new cost belongs.
-    fn merge_corrected(&mut self, order: &mut Vec<u32>) {
+    fn merge_corrected(&mut self) {
         for &node in &self.corrected {
             self.scanned[node as usize] = false;
         }
         self.merged.clear();
         let mut corrected = self.corrected.iter().copied().peekable();
-        for &node in order.iter().filter(|&&node| self.scanned[node as usize]) {
+        for &node in self.order.iter().filter(|&&node| self.scanned[node as usize]) {
             let cost = self.cost[node as usize];
             while let Some(earlier) = corrected.next_if(|&next| self.cost[next as usize] < cost) {
                 self.merged.push(earlier);
@@ -168,7 +169,7 @@ impl ShortestPathTree {
             self.merged.push(node);
         }
         self.merged.extend(corrected);
-        order.clone_from(&self.merged);
+        std::mem::swap(&mut self.order, &mut self.merged);
     }
 
     /// Ends the paths to nodes that no path passes through.
