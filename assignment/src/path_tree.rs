@@ -69,7 +69,11 @@ impl PathTree {
         let (mut a, mut b) = (self.way(a, ROOT), self.way(b, ROOT));
         while a.position() != b.position() {
             // Whichever lies further back in the list is no part of the other.
-            let further = if a.position() > b.position() { &mut a } else { &mut b };
+            let further = if a.position() > b.position() {
+                &mut a
+            } else {
+                &mut b
+            };
             further.next();
         }
         a.position()
@@ -146,7 +150,11 @@ impl Way<'_> {
     /// Where the rest of it ends.
     pub(crate) fn position(&self) -> u32 {
         let entry = self.entries[self.position as usize];
-        if entry & FORK == 0 { self.position } else { entry & !FORK }
+        if entry & FORK == 0 {
+            self.position
+        } else {
+            entry & !FORK
+        }
     }
 }
 

@@ -25,7 +25,7 @@ fn road(from: u32, to: u32, length_m: f64, lanes: u32, block: u32) -> Road {
         free_speed_m_per_s: FREE_SPEED_M_PER_S,
         lanes,
         capacity_veh_per_h: 1800.0 * f64::from(lanes),
-        block,
+        block: Some(block),
     }
 }
 

@@ -495,7 +495,7 @@ mod tests {
             free_speed_m_per_s: 10.0,
             lanes: 1,
             capacity_veh_per_h: 1800.0,
-            block,
+            block: Some(block),
         });
         let map = RoadMap::new(roads.collect(), vec![(0.0, 0.0), (500.0, 0.0), (250.0, 165.8)]).unwrap();
         let links = ends.map(|(from, to, length)| Link {

@@ -58,20 +58,20 @@ impl Incidents {
         self.capacity_left
     }
 
-    /// A block's incidents in s, from beginning to end.
-    pub fn of(&self, block: u32) -> &[(f64, f64)] {
-        &self.spans[block as usize]
+    /// A block's incidents in s, from beginning to end; where there is no block, there are none.
+    pub fn of(&self, block: Option<u32>) -> &[(f64, f64)] {
+        block.map_or(&[], |block| &self.spans[block as usize])
     }
 
     /// Whether a block has one at a time.
-    pub fn active(&self, block: u32, time_s: f64) -> bool {
+    pub fn active(&self, block: Option<u32>, time_s: f64) -> bool {
         let spans = self.of(block);
         let begun = spans.partition_point(|&(start, _)| start <= time_s);
         begun > 0 && time_s < spans[begun - 1].1
     }
 
     /// When a block's state changes next after a time; infinity if never.
-    pub fn next_change_s(&self, block: u32, time_s: f64) -> f64 {
+    pub fn next_change_s(&self, block: Option<u32>, time_s: f64) -> f64 {
         let spans = self.of(block);
         let ended = spans.partition_point(|&(_, end)| end <= time_s);
         spans.get(ended).map_or(

@@ -127,7 +127,7 @@ mod tests {
             free_speed_m_per_s: 10.0,
             lanes: 1,
             capacity_veh_per_h: 1800.0,
-            block: 0,
+            block: Some(0),
         };
         let map = RoadMap::new(vec![road], vec![(0.0, 0.0), (100.0, 0.0)]).unwrap();
         let usual = [10.0];

@@ -401,7 +401,7 @@ mod tests {
             free_speed_m_per_s: 10.0,
             lanes: 1,
             capacity_veh_per_h: if index + 1 == count { last } else { 1800.0 },
-            block: index,
+            block: Some(index),
         };
         let places = (0..=count).map(|node| (500.0 * f64::from(node), 0.0)).collect();
         RoadMap::new((0..count).map(road).collect(), places).unwrap()
@@ -517,7 +517,7 @@ mod tests {
             free_speed_m_per_s: 5.0,
             lanes: 1,
             capacity_veh_per_h: 1800.0,
-            block: index,
+            block: Some(index),
         };
         let map = RoadMap::new((0..3).map(road).collect(), vec![(0.0, 0.0); 3]).unwrap();
         let incidents = Incidents::none(3);
@@ -563,7 +563,7 @@ mod tests {
             free_speed_m_per_s: 10.0,
             lanes: 1,
             capacity_veh_per_h: 1800.0,
-            block: 0,
+            block: Some(0),
         };
         let roads = vec![
             road(0, 1, 100.0),

@@ -24,8 +24,8 @@ pub struct Road {
     pub lanes: u32,
     /// Vehicles an hour that can leave it.
     pub capacity_veh_per_h: f64,
-    /// Both directions between two nodes are one block, which incidents hit.
-    pub block: u32,
+    /// Both directions between two nodes are one block, which incidents hit; what joins two nodes of one place is none.
+    pub block: Option<u32>,
 }
 
 impl Road {
@@ -88,7 +88,8 @@ impl RoadMap {
             }
             outgoing[road.from as usize].push(index as u32);
         }
-        let block_count = roads.iter().map(|road| road.block + 1).max().unwrap_or(0);
+        let block_count = roads.iter().filter_map(|road| road.block).max();
+        let block_count = block_count.map_or(0, |last| last + 1);
         Ok(Self {
             roads,
             places_m,

@@ -252,7 +252,7 @@ fn road_map(
             free_speed_m_per_s,
             lanes: lanes(link.capacity),
             capacity_veh_per_h: link.capacity,
-            block: block(from, to),
+            block: (a != b).then(|| block(from, to)),
         }
     });
     RoadMap::new(roads.collect(), places_m)

@@ -116,12 +116,12 @@ impl SumoTraffic {
     fn apply_incidents(&mut self) {
         let time_s = f64::from(self.second);
         let changed: Vec<bool> = (0..self.map.block_count())
-            .map(|block| self.incidents.active(block, time_s) != self.slow[block as usize])
+            .map(|block| self.incidents.active(Some(block), time_s) != self.slow[block as usize])
             .collect();
         let capacity_left = self.incidents.capacity_left();
         for (index, road) in self.map.roads().iter().enumerate() {
-            if changed[road.block as usize] {
-                let speed_m_per_s = if self.slow[road.block as usize] {
+            if let Some(block) = road.block.filter(|&block| changed[block as usize]) {
+                let speed_m_per_s = if self.slow[block as usize] {
                     road.free_speed_m_per_s
                 } else {
                     road.crawl_speed_m_per_s(capacity_left)
