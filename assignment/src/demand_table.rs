@@ -91,7 +91,7 @@ impl<'a> Zones<'a> {
     }
 
     /// Whether a zone is known.
-    fn knows(&mut self, name: &str) -> bool {
+    pub(crate) fn knows(&mut self, name: &str) -> bool {
         (self.find)(name).is_some()
     }
 

@@ -110,6 +110,8 @@ pub struct ImportOptions {
     pub turns: Option<PathBuf>,
     /// File of traffic assignment zones, for SUMO.
     pub taz: Option<PathBuf>,
+    /// Name of the matrix of an OMX file; without, it must have one alone.
+    pub matrix: Option<String>,
     /// Whether all turns are free whatever the files say; in SUMO's networks every junction is a zone then.
     pub without_turns: bool,
 }
@@ -318,7 +320,7 @@ pub fn import(path: &Path, trips: Option<&Path>, options: &ImportOptions) -> Res
                 "a table o_zone_id,d_zone_id,volume, or demand.csv in the folder of the network",
             )?;
             let read = gmns::read(&folder, options, &mut report)?;
-            let demand = Tabled::read(trips, &read.network, &mut report)?;
+            let demand = Tabled::read(trips, &read.network, options, &mut report)?;
             let roads = RoadData {
                 shapes: read.shapes,
                 names: read.road_names,
@@ -338,7 +340,7 @@ pub fn import(path: &Path, trips: Option<&Path>, options: &ImportOptions) -> Res
             if let Some(turns) = options.turns.as_deref().filter(|_| !options.without_turns) {
                 network = with_turns(&network, &text::read(turns)?, options.weights, &mut report)?;
             }
-            let demand = Tabled::read(trips, &network, &mut report)?;
+            let demand = Tabled::read(trips, &network, options, &mut report)?;
             Ok(finish(network, demand, RoadData::unknown(format), report))
         }
     }
@@ -354,12 +356,11 @@ fn import_sumo(
     options: &ImportOptions,
     mut report: ImportReport,
 ) -> Result<Import> {
-    let (net, trips) = (text::read(path)?, text::read(trips)?);
+    let net = text::read(path)?;
     let taz = options.taz.as_deref().map(text::read).transpose()?;
-    let is_table = !trips.text.trim_start().starts_with('<');
     if options.without_turns {
         let read = sumo::read_junctions(&net, &sumo::LaneModel::default(), options, &mut report)?;
-        let demand = read.trips_between_junctions(&trips, &mut report)?;
+        let demand = read.trips_between_junctions(&text::read(trips)?, &mut report)?;
         let demand = Tabled {
             demand,
             unknown: Vec::new(),
@@ -367,11 +368,6 @@ fn import_sumo(
         let roads = RoadData::unknown(Format::Sumo);
         return Ok(finish(read.network, demand, roads, report));
     }
-    let trips = if is_table {
-        sumo::DemandText::Table(&trips)
-    } else {
-        sumo::DemandText::Routes(&trips)
-    };
     let read = sumo::read(&net, trips, taz.as_ref(), options, &mut report)?;
     let demand = Tabled {
         demand: Demand::new(read.network.numbering().zones, &read.trips)?,
@@ -394,11 +390,22 @@ struct Tabled {
 
 impl Tabled {
     /// Reads a demand in any format of tables: the content decides.
-    fn read(path: &Path, network: &Network, report: &mut ImportReport) -> Result<Self> {
-        let text = text::read(path)?;
+    fn read(
+        path: &Path,
+        network: &Network,
+        options: &ImportOptions,
+        report: &mut ImportReport,
+    ) -> Result<Self> {
         let count = network.numbering().zones;
+        let mut zones = Zones::of(network);
+        if let Some(trips) = read_matrix(path, options, &mut zones, report)? {
+            return Ok(Self {
+                demand: Demand::new(count, &trips)?,
+                unknown: zones.unknown().to_vec(),
+            });
+        }
+        let text = text::read(path)?;
         if !tntp::is_tntp(&text.text) {
-            let mut zones = Zones::of(network);
             let trips = read_csv(&text, &mut zones, report)?;
             return Ok(Self {
                 demand: Demand::new(count, &trips)?,
@@ -412,12 +419,37 @@ impl Tabled {
                 unknown: Vec::new(),
             });
         }
-        let mut zones = Zones::of(network);
         let trips = tntp::read_trips_by_name(&text, &mut zones)?;
         Ok(Self {
             demand: Demand::new(count, &trips)?,
             unknown: zones.unknown().to_vec(),
         })
+    }
+}
+
+/// The trips of an OMX file; none if it is another one.
+///
+/// # Errors
+/// What is wrong with it, and a name of a matrix beside a file that has none.
+pub(crate) fn read_matrix(
+    path: &Path,
+    options: &ImportOptions,
+    zones: &mut Zones<'_>,
+    report: &mut ImportReport,
+) -> Result<Option<Vec<Trip>>> {
+    #[cfg(feature = "omx")]
+    if crate::omx::is_omx(path)? {
+        let trips = crate::omx::read(path, options.matrix.as_deref(), zones, report)?;
+        return Ok(Some(trips));
+    }
+    let _unused = (path, zones, report);
+    match &options.matrix {
+        Some(name) => Err(Error::input(
+            "matrix",
+            format!("`{name}`"),
+            "none beside trips that are no OMX file",
+        )),
+        None => Ok(None),
     }
 }
 

@@ -20,15 +20,18 @@
 //! `cargo run -p assignment --example own_network` builds a network of its own: two towns, a bridge and a bypass.
 //!
 //! # The rooms
-//! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`tntp`], [`gmns`] and [`sumo`] read
-//!   it from files, with the help of `csv_table` and `xml`; [`grid`] builds one.
+//! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`formats`] reads it
+//!   from files of [`tntp`], [`gmns`] and [`sumo`], with the help of `csv_table`, `xml`, [`text`] and [`units`], demand in
+//!   `demand_table` and [`omx`], and turns in `turn_table`; `road_plan` makes a network of roads, turns and zones; a
+//!   [`report`] says what was assumed, [`reach`] which trips have no path; [`grid`] builds one.
 //! * [`coordinates`]: where its nodes lie.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
 //! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
 //!   where the next solve can start, see [`assign_from`]; an [`Assigner`] keeps more than these and starts faster.
-//! * [`check`]: judges any link flows, by other means than the solvers use.
+//! * [`check`]: judges any link flows, by other means than the solvers use; [`flow_table`] reads those of other programs.
+//! * [`geojson`] with [`shapes`], and the writer in [`gmns`]: roads with flows for other programs.
 //!
 //! # Determinism
 //! Equal input gives equal bytes at any thread count: origins are split into blocks by their number alone, and block results
@@ -46,8 +49,12 @@ pub mod demand;
 #[cfg(feature = "formats")]
 mod demand_table;
 #[cfg(feature = "formats")]
+pub mod flow_table;
+#[cfg(feature = "formats")]
 pub mod formats;
 mod frank_wolfe;
+#[cfg(feature = "formats")]
+pub mod geojson;
 #[cfg(feature = "formats")]
 pub mod gmns;
 pub mod grid;
@@ -57,6 +64,8 @@ pub mod link;
 mod link_rows;
 pub mod network;
 mod newton;
+#[cfg(feature = "omx")]
+pub mod omx;
 mod origin_paths;
 mod path_based;
 pub mod path_flows;

@@ -90,3 +90,33 @@ pub fn format_skims(network: &Network, skims: &[Skim]) -> String {
     }
     text
 }
+
+/// Skims as an OMX file with the matrices `cost`, `time`, `length` and `toll`; no number between zones that no path joins, 0
+/// within a zone.
+///
+/// # Errors
+/// As [`crate::omx::format`].
+#[cfg(feature = "omx")]
+pub fn format_omx(network: &Network, skims: &[Skim]) -> Result<Vec<u8>> {
+    let count = network.numbering().zones as usize;
+    let zones: Vec<String> = (1..=count as u32)
+        .map(|zone| network.zone_name(zone).into_owned())
+        .collect();
+    let matrix = |value: fn(&Skim) -> f64| {
+        let mut values = vec![f64::NAN; count * count];
+        for zone in 0..count {
+            values[zone * count + zone] = 0.0;
+        }
+        for skim in skims {
+            values[(skim.origin as usize - 1) * count + skim.destination as usize - 1] = value(skim);
+        }
+        values
+    };
+    let matrices = [
+        ("cost", matrix(|skim| skim.cost)),
+        ("time", matrix(|skim| skim.time)),
+        ("length", matrix(|skim| skim.length)),
+        ("toll", matrix(|skim| skim.toll)),
+    ];
+    crate::omx::format(&zones, &matrices)
+}

@@ -477,3 +477,60 @@ fn sumo_trips_lead_between_zones_of_edges_and_may_be_compressed() {
         "{half}"
     );
 }
+
+#[cfg(feature = "omx")]
+#[test]
+fn demand_and_skims_go_through_open_matrix() {
+    use assignment::{omx, skims};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trips.omx");
+    let zones = ["2", "1", "3"].map(str::to_owned);
+    let day = vec![0.0, 5.0, f64::NAN, 1.5, 0.0, 2.0, 0.0, 0.0, 0.0];
+    let bytes = omx::format(&zones, &[("day", day.clone()), ("night", vec![0.0; 9])]).unwrap();
+    std::fs::write(&path, &bytes).unwrap();
+    let net = fixture("SiouxFalls_net.tntp");
+    let import_matrix = |name: Option<&str>| {
+        let options = ImportOptions {
+            matrix: name.map(str::to_owned),
+            ..ImportOptions::default()
+        };
+        import(&net, Some(&path), &options)
+    };
+    let read = import_matrix(Some("day")).unwrap();
+    let trips: Vec<_> = read
+        .demand
+        .trips()
+        .map(|trip| (trip.origin, trip.destination, trip.volume))
+        .collect();
+    // Rows and columns are called 2, 1, 3.
+    assert_eq!(trips, [(1, 2, 1.5), (1, 3, 2.0), (2, 1, 5.0)]);
+    assert!(says(&read, NoteKind::Default, "0 where the matrix has no number"));
+    assert!(
+        message(import_matrix(None)).ends_with("found 2 matrices, expected --matrix, one of: day, night")
+    );
+    assert!(
+        message(import_matrix(Some("noon"))).ends_with("matrix: found `noon`, expected one of: day, night")
+    );
+    // Skims of a solution, read as if they were trips.
+    let costs = read.network.link_costs(&vec![0.0; read.network.links().len()]);
+    let found = skims::skims(&read.network, &costs).unwrap();
+    std::fs::write(&path, skims::format_omx(&read.network, &found).unwrap()).unwrap();
+    let again = import_matrix(Some("cost")).unwrap();
+    assert_eq!(again.demand.pairs(), 24 * 23);
+    close_to(again.demand.total(), found.iter().map(|skim| skim.cost).sum());
+    for (bytes, expected) in [
+        (&bytes[..bytes.len() / 2], "expected an Open Matrix (OMX) file"),
+        (&bytes[..100], "expected an Open Matrix (OMX) file"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let failure = message(import_matrix(Some("day")));
+        assert!(failure.ends_with(expected), "{failure}");
+    }
+    let negative = omx::format(&zones[..1], &[("day", vec![-1.0])]).unwrap();
+    std::fs::write(&path, negative).unwrap();
+    let failure = message(import_matrix(None));
+    assert!(
+        failure.ends_with("/data/day: row 1, column 1: found -1, expected a finite number, not negative"),
+        "{failure}"
+    );
+}

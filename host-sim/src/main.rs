@@ -21,7 +21,7 @@ enum Command {
     /// The closed loop from slot to street: vehicles report incidents, the base station plans routes on what it heard
     Loop(command::closed_loop::LoopArguments),
     /// User equilibrium or system optimum of a road network
-    Assign(command::assign::AssignArguments),
+    Assign(Box<command::assign::AssignArguments>),
     /// How many vehicles a sub-channel carries at a mean age of at most 10, 100 and 1,000 ms, by policy
     Carry(command::carry::CarryArguments),
     /// The paper's path-planning figures with their data

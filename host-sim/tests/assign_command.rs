@@ -67,7 +67,7 @@ fn the_command_writes_every_result_and_starts_from_paths() {
 fn the_command_refuses_results_that_do_not_exist() {
     for (arguments, message) in [
         (
-            &["--selected", "x"][..],
+            &["--selected", "x.csv"][..],
             "--selected: found no --select-link, expected both: the links, and the file for their trips",
         ),
         (
@@ -75,11 +75,11 @@ fn the_command_refuses_results_that_do_not_exist() {
             "--select-link: found no --selected, expected both: the links, and the file for their trips",
         ),
         (
-            &["--select-link", "1", "--selected", "x"],
+            &["--select-link", "1", "--selected", "x.csv"],
             "--select-link: found `1`, expected two nodes with a comma between them",
         ),
         (
-            &["--select-link", "1,9", "--selected", "x"],
+            &["--select-link", "1,9", "--selected", "x.csv"],
             "--select-link: found 1,9, expected two nodes that a link joins",
         ),
         (
@@ -120,6 +120,98 @@ fn flows_go_through_parquet_and_networks_through_gmns() {
     std::fs::rename(&demand, &text).unwrap();
     let message = assign_command(&["--check", &text]).unwrap_err().to_string();
     assert!(message.ends_with("expected a Parquet file"), "{message}");
+}
+
+#[test]
+fn roads_with_flows_go_to_maps_and_reports() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (geojson, report) = (path("roads.geojson"), path("report.html"));
+    assign_command(&["--geojson", &geojson, "--report", &report]).unwrap();
+    let text = std::fs::read_to_string(&geojson).unwrap();
+    let features: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let features = features["features"].as_array().unwrap();
+    assert_eq!(features.len(), 76);
+    assert_eq!(features[0]["properties"]["init_node"], "1");
+    assert_eq!(
+        features[0]["geometry"]["coordinates"].as_array().unwrap().len(),
+        2
+    );
+    let page = std::fs::read_to_string(&report).unwrap();
+    for part in ["<svg", "Flow over capacity", "columns speed, link_type"] {
+        assert!(page.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn outputs_have_names_of_their_kind_and_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (sheet, flows) = (path("flows.xlsx"), path("flows.csv"));
+    let again = path("../").replace("..", ".") + "flows.csv";
+    for (arguments, message) in [
+        (
+            ["--flows", &sheet, "--threads", "1"],
+            format!("--flows: found {sheet}, expected a name that ends in .csv or .parquet"),
+        ),
+        (
+            ["--flows", &flows, "--paths", &again],
+            format!("--paths: found {again}, as for --flows, expected a file of its own"),
+        ),
+    ] {
+        assert_eq!(assign_command(&arguments).unwrap_err().to_string(), message);
+    }
+    assert!(!std::fs::exists(&flows).unwrap());
+}
+
+#[test]
+fn flows_of_other_programs_are_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let flows = path("flows.csv");
+    assign_command(&["--flows", &flows]).unwrap();
+    let text = std::fs::read_to_string(&flows).unwrap();
+    let rows: Vec<Vec<&str>> = text
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').collect())
+        .collect();
+    let table = |head: &str, row: &dyn Fn(usize, &[&str]) -> String| {
+        let lines = rows
+            .iter()
+            .enumerate()
+            .rev()
+            .map(|(index, fields)| row(index, fields));
+        format!("{head}\n{}\n", lines.collect::<Vec<_>>().join("\n"))
+    };
+    for (name, text) in [
+        (
+            "published_flow.tntp",
+            table("From \tTo \tVolume \tCost", &|_, row| row.join(" \t")),
+        ),
+        (
+            "aequilibrae.csv",
+            table("link_id,PCE_AB,PCE_BA,PCE_tot", &|index, row| {
+                format!("{},{},0.0,{}", index + 1, row[2], row[2])
+            }),
+        ),
+        (
+            "link.csv",
+            table("link_id,from_node_id,to_node_id,volume", &|index, row| {
+                format!("{index},{},{},{}", row[0], row[1], row[2])
+            }),
+        ),
+    ] {
+        std::fs::write(path(name), text).unwrap();
+        assign_command(&["--check", &path(name)]).unwrap();
+    }
+    std::fs::write(path("short.csv"), "link_id,volume\n1,3\n").unwrap();
+    let failure = assign_command(&["--check", &path("short.csv")])
+        .unwrap_err()
+        .to_string();
+    assert!(
+        failure.ends_with("found no flow of 75 links, the first from 1 to 3, expected a row for every link")
+    );
 }
 
 const NODES: &str = "\

@@ -15,12 +15,13 @@ mod net;
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
 use crate::demand_table::{Zones, read_csv};
-use crate::formats::ImportOptions;
+use crate::formats::{ImportOptions, read_matrix};
 use crate::link::{CostWeights, Link};
 use crate::network::Network;
 use crate::report::{ImportReport, NoteKind};
 use crate::road_plan::{Access, RoadPlan, Turn, Turns, Zone};
 use crate::shapes::Shape;
+use crate::text;
 use crate::volume_delay::{BPR_B, BPR_POWER};
 use crate::xml::{Element, Scan, elements};
 use demand::Journey;
@@ -28,6 +29,7 @@ use kit::error::{Error, Result};
 use kit::files::Text;
 use net::{Edge, Net};
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
 
 /// What a lane carries, because the network file does not say.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -236,18 +238,10 @@ pub(crate) struct Imported {
     pub(crate) road_names: Vec<String>,
 }
 
-/// Where a demand for a SUMO network stands.
-pub(crate) enum DemandText<'t> {
-    /// Trips, vehicles or flows.
-    Routes(&'t Text),
-    /// A table by names of zones, edges or junctions.
-    Table(&'t Text),
-}
-
 /// Reads a network with its turns, and the zones that the demand names.
 pub(crate) fn read(
     net_text: &Text,
-    demand_text: DemandText<'_>,
+    demand_path: &Path,
     taz_text: Option<&Text>,
     options: &ImportOptions,
     report: &mut ImportReport,
@@ -257,12 +251,13 @@ pub(crate) fn read(
     if let Some(text) = taz_text {
         taz.extend(demand::read_taz(text)?);
     }
-    let journeys = match demand_text {
-        DemandText::Routes(text) => {
-            taz.extend(demand::read_taz(text)?);
-            demand::read(text, &net, &taz, report)?
+    let journeys = match read_table(demand_path, &net, &taz, options, report)? {
+        Some(journeys) => journeys,
+        None => {
+            let text = text::read(demand_path)?;
+            taz.extend(demand::read_taz(&text)?);
+            demand::read(&text, &net, &taz, report)?
         }
-        DemandText::Table(text) => read_table(text, &net, &taz, report)?,
     };
     let mut numbers: HashMap<Place, u32> = HashMap::new();
     let mut places: Vec<Place> = Vec::new();
@@ -304,7 +299,14 @@ pub(crate) fn read(
     })
 }
 
-fn read_table(text: &Text, net: &Net, taz: &[Taz], report: &mut ImportReport) -> Result<Vec<Journey>> {
+/// A demand by names of zones, edges or junctions; none if the file has trips, vehicles or flows.
+fn read_table(
+    path: &Path,
+    net: &Net,
+    taz: &[Taz],
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<Option<Vec<Journey>>> {
     let by_id: HashMap<&str, u32> = taz.iter().map(|taz| taz.id.as_str()).zip(0..).collect();
     // The table's reader wants numbers: places in the order in which they are first named.
     let mut numbers: HashMap<String, u32> = HashMap::new();
@@ -324,17 +326,24 @@ fn read_table(text: &Text, net: &Net, taz: &[Taz], report: &mut ImportReport) ->
         numbers.insert(name.to_owned(), places.len() as u32);
         Some(places.len() as u32)
     });
-    let trips = read_csv(text, &mut zones, report)?;
+    let trips = match read_matrix(path, options, &mut zones, report)? {
+        Some(trips) => trips,
+        None => {
+            let text = text::read(path)?;
+            if text.text.trim_start().starts_with('<') {
+                return Ok(None);
+            }
+            read_csv(&text, &mut zones, report)?
+        }
+    };
     zones.refuse_unknown()?;
     drop(zones);
-    Ok(trips
-        .into_iter()
-        .map(|trip| Journey {
-            origin: places[trip.origin as usize - 1],
-            destination: places[trip.destination as usize - 1],
-            volume: trip.volume,
-        })
-        .collect())
+    let journeys = trips.into_iter().map(|trip| Journey {
+        origin: places[trip.origin as usize - 1],
+        destination: places[trip.destination as usize - 1],
+        volume: trip.volume,
+    });
+    Ok(Some(journeys.collect()))
 }
 
 /// The zone of a place, under a name that no other has.

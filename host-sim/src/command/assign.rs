@@ -3,19 +3,22 @@
 mod flow_files;
 mod import;
 mod outputs;
+mod page;
 
 use crate::assign::{AssignSource, Assignment, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
 use assignment::check::{self, Evaluation};
+use assignment::coordinates::{LengthUnit, NodePlaces};
+use assignment::grid::Grid;
 use assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Solution, Stop, path_flows,
+    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Solution, Stop, formats, path_flows,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::Result;
 use kit::files::Text;
 use kit::say;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 pub use import::ImportArguments;
@@ -36,7 +39,7 @@ pub struct AssignArguments {
     /// 4x4 intersections
     #[arg(long, value_name = "FILE|DIR|grid")]
     pub net: String,
-    /// Trips: TNTP trip table, CSV of pairs such as o_zone_id,d_zone_id,volume, CSV matrix, or for SUMO's networks trips, flows
+    /// Trips: TNTP trip table, CSV of pairs such as o_zone_id,d_zone_id,volume, CSV matrix, OMX, or for SUMO's networks trips, flows
     /// or routes (a vehicle counts one per hour); [default: demand.csv in a GMNS folder]; none with `grid`, which brings one
     /// vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
@@ -47,7 +50,8 @@ pub struct AssignArguments {
     /// Factor on all trips
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub demand_factor: f64,
-    /// Solve nothing: judge the flows of this CSV or Parquet file (init_node,term_node,volume,cost; one row per link in file order)
+    /// Solve nothing: judge the flows of this CSV or Parquet file as --flows writes them, of a published *_flow.tntp, of
+    /// AequilibraE's results, or of any CSV with the nodes or names of links and their volumes
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
     /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
@@ -78,13 +82,20 @@ pub struct AssignArguments {
     /// Start from the path flows of this CSV, as --paths wrote it for the same links: other capacities, another demand
     #[arg(long, value_name = "PATHS")]
     pub warm: Option<PathBuf>,
-    /// Write cost, time, length and toll of the cheapest way between every two zones to this CSV
-    #[arg(long, value_name = "FILE.csv")]
+    /// Write cost, time, length and toll of the cheapest way between every two zones to this file, CSV or by its name OMX
+    #[arg(long, value_name = "FILE.csv|FILE.omx")]
     pub skims: Option<PathBuf>,
     /// Link from one node to another whose trips --selected shall list (repeatable)
     #[arg(long, value_name = "FROM,TO")]
     pub select_link: Vec<String>,
-    /// Write network and trips as GMNS into this folder: node.csv, link.csv, demand.csv
+    /// Write the roads with flow, cost and flow over capacity to this GeoJSON, in the network's coordinates
+    #[arg(long, value_name = "FILE.geojson")]
+    pub geojson: Option<PathBuf>,
+    /// Write a report with a map of flow over capacity to this page
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Write network, flows and trips as GMNS into this folder: node.csv, link.csv, demand.csv, and config.csv where units are
+    /// known
     #[arg(long, value_name = "DIR")]
     pub gmns: Option<PathBuf>,
     /// Write which pairs of zones use the links of --select-link, and how much of each, to this CSV
@@ -127,6 +138,25 @@ impl AssignArguments {
             unreachable: self.import.unreachable,
             strict: self.import.strict,
         })
+    }
+}
+
+impl AssignArguments {
+    /// Where the nodes lie.
+    fn places(&self, network: &Network) -> Result<NodePlaces> {
+        if self.net == GRID {
+            let grid = Grid::default();
+            let nodes = 0..network.numbering().nodes;
+            let place = |node: u32| {
+                let (column, row) = (f64::from(node % grid.columns), f64::from(node / grid.columns));
+                (column * grid.block_length_x, row * grid.block_length_y)
+            };
+            return Ok(NodePlaces {
+                places: nodes.map(place).collect(),
+                unit: LengthUnit::Metre,
+            });
+        }
+        formats::read_places(Path::new(&self.net), self.import.nodes.as_deref(), network)
     }
 }
 
@@ -173,7 +203,7 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
         progress.finish();
     }
     let report = assignment.report_with(&solution.link_flows)?;
-    outputs::write(arguments, assignment, &selection, &solution)?;
+    outputs::write(arguments, assignment, &selection, &solution, &report)?;
     let seconds_total = start.elapsed().as_secs_f64();
     import::print_report(&report, arguments.json);
     if arguments.json {
@@ -201,19 +231,14 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     Ok(())
 }
 
-fn judge(
-    arguments: &AssignArguments,
-    assignment: &Assignment,
-    path: &std::path::Path,
-    start: Instant,
-) -> Result<()> {
+fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, start: Instant) -> Result<()> {
     let Assignment {
         network,
         demand,
         options,
         ..
     } = assignment;
-    let link_flows = flow_files::read(path, network)?;
+    let link_flows = flow_files::read(path, network, &assignment.roads.names)?;
     let check_start = Instant::now();
     let evaluation = check::evaluate(network, demand, options.objective, &link_flows)?;
     let seconds = check_start.elapsed().as_secs_f64();

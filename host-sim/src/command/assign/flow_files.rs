@@ -1,11 +1,10 @@
 //! Link flows as files: CSV, or Parquet where the name ends in `.parquet`.
 
 use crate::report::table::{Column, Table};
-use assignment::Network;
 use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
+use assignment::{Network, flow_table, text};
 use kit::error::{Error, Result};
-use kit::files::Text;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::{Field, Row};
 use std::fs::File;
@@ -59,10 +58,10 @@ fn nodes(column: &str, network: &Network, numbers: impl Iterator<Item = u32> + C
 /// Reads the volumes of a flow file. In errors, the rows of a Parquet file are counted like the lines of the same CSV.
 ///
 /// # Errors
-/// As [`check::read_flows`], and [`Error::Input`] for a file that is not Parquet, or has other columns.
-pub(super) fn read(path: &Path, network: &Network) -> Result<Vec<f64>> {
+/// As [`flow_table::read`], and [`Error::Input`] for a file that is not Parquet, or has other columns.
+pub(super) fn read(path: &Path, network: &Network, road_names: &[String]) -> Result<Vec<f64>> {
     if !is_parquet(path) {
-        return check::read_flows(&Text::read(path)?, network);
+        return flow_table::read(&text::read(path)?, network, road_names);
     }
     let place = path.display().to_string();
     let file = File::open(path).map_err(|source| Error::file(path, source))?;

@@ -23,10 +23,16 @@ pub struct ImportArguments {
     /// Write the trips that no path serves to this CSV (origin,destination,volume,reason), also where they are an error
     #[arg(long, value_name = "FILE.csv")]
     pub unreachable_pairs: Option<PathBuf>,
+    /// Matrix of an OMX file with the trips, if it has several
+    #[arg(long, value_name = "NAME")]
+    pub matrix: Option<String>,
     /// CSV from_node,via_node,to_node,penalty of turns at nodes of a TNTP or GMNS network: penalty in units of free-flow time,
     /// empty where the turn is banned; other turns are free
     #[arg(long, value_name = "FILE.csv")]
     pub turns: Option<PathBuf>,
+    /// Node file of a TNTP network, for maps [default: its own _node.tntp beside it]
+    #[arg(long, value_name = "FILE")]
+    pub nodes: Option<PathBuf>,
     /// SUMO file with the <taz> that trips name, unless the network or the trips have them
     #[arg(long, value_name = "FILE.xml")]
     pub taz: Option<PathBuf>,
@@ -67,8 +73,17 @@ impl ImportArguments {
             period: self.period,
             turns: self.turns.clone(),
             taz: self.taz.clone(),
+            matrix: self.matrix.clone(),
             ..ImportOptions::default()
         })
+    }
+
+    /// Files that are read.
+    pub(super) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        [&self.turns, &self.nodes, &self.taz]
+            .into_iter()
+            .flatten()
+            .cloned()
     }
 
     /// Lists the trips without a path, where a file is asked for.

@@ -1,15 +1,55 @@
 //! The files that `assign` writes beside its report.
 
-use super::{AssignArguments, flow_files};
+use super::{AssignArguments, flow_files, page};
 use crate::assign::Assignment;
-use assignment::{Algorithm, Network, Solution, convergence, gmns, path_flows, select_link, skims};
+use assignment::report::ImportReport;
+use assignment::{
+    Algorithm, Network, Solution, convergence, formats, geojson, gmns, path_flows, select_link, skims,
+};
 use kit::error::{Error, Result};
 use kit::files::{check_output, write_set, write_whole};
 use std::path::{Path, PathBuf};
 
+/// A file or folder that a solve writes.
+struct Output<'a> {
+    option: &'static str,
+    /// What it holds, in two words.
+    word: &'static str,
+    path: &'a Option<PathBuf>,
+    /// How its name may end; any way where there is none.
+    endings: &'static [&'static str],
+}
+
+/// Every file that a solve can write, in the order of reports.
+fn outputs(arguments: &AssignArguments) -> [Output<'_>; 8] {
+    let output = |option, word, path, endings| Output {
+        option,
+        word,
+        path,
+        endings,
+    };
+    [
+        output("--flows", "link flows", &arguments.flows, &["csv", "parquet"]),
+        output("--paths", "path flows", &arguments.paths, &["csv"]),
+        output("--skims", "skims", &arguments.skims, &["csv", "omx"]),
+        output("--selected", "select link", &arguments.selected, &["csv"]),
+        output("--convergence", "convergence", &arguments.convergence, &["csv"]),
+        output(
+            "--geojson",
+            "roads with flows",
+            &arguments.geojson,
+            &["geojson", "json"],
+        ),
+        output("--report", "report", &arguments.report, &["html"]),
+        output("--gmns", "GMNS", &arguments.gmns, &[]),
+    ]
+}
+
 /// Refuses combinations of options that ask for what does not exist, before anything is solved.
 pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
-    for (name, path) in named_files(arguments) {
+    let warm = ("--warm", &arguments.warm);
+    let files = outputs(arguments).map(|output| (output.option, output.path));
+    for (name, path) in files.into_iter().chain([warm]) {
         if arguments.check.is_some() && path.is_some() {
             let expected = "one of the two: --check solves nothing";
             return Err(Error::input(name, "--check beside it", expected));
@@ -18,7 +58,10 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
     // Path flows may take the place of those that they started from; nothing may take that of a network or its demand.
     let mut inputs = vec![PathBuf::from(&arguments.net)];
     inputs.extend(arguments.trips.clone());
-    for (name, path) in named_files(arguments) {
+    inputs.extend(formats::files(Path::new(&arguments.net)).unwrap_or_default());
+    inputs.extend(arguments.import.files());
+    let lost = ("--unreachable-pairs", &arguments.import.unreachable_pairs);
+    for (name, path) in files.into_iter().chain([warm, lost]) {
         if let Some(path) = path {
             check_output(name, path, &inputs)?;
         }
@@ -43,20 +86,54 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
         let expected = "`--algorithm path`: the Frank-Wolfe family knows no paths";
         return Err(Error::input(name, "another algorithm", expected));
     }
+    check_names(arguments)
+}
+
+/// Refuses files whose names end in another kind than they will hold, and two of one name.
+fn check_names(arguments: &AssignArguments) -> Result<()> {
+    let mut seen: Vec<(&str, PathBuf)> = Vec::new();
+    let lost = Output {
+        option: "--unreachable-pairs",
+        word: "",
+        path: &arguments.import.unreachable_pairs,
+        endings: &["csv"],
+    };
+    for output in outputs(arguments).into_iter().chain([lost]) {
+        let Some(path) = output.path else {
+            continue;
+        };
+        // Devices and pipes take what comes.
+        if path
+            .metadata()
+            .is_ok_and(|found| !found.is_file() && !found.is_dir())
+        {
+            continue;
+        }
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        if !output.endings.is_empty() && !output.endings.contains(&&*ending) {
+            let expected = format!("a name that ends in .{}", output.endings.join(" or ."));
+            return Err(Error::input(output.option, path.display(), expected));
+        }
+        let whole = whole(path);
+        if let Some((other, _)) = seen.iter().find(|(_, known)| *known == whole) {
+            let found = format!("{}, as for {other}", path.display());
+            return Err(Error::input(output.option, found, "a file of its own"));
+        }
+        seen.push((output.option, whole));
+    }
     Ok(())
 }
 
-/// Every file that a solve can read or write, with its option.
-fn named_files(arguments: &AssignArguments) -> [(&'static str, &Option<PathBuf>); 7] {
-    [
-        ("--flows", &arguments.flows),
-        ("--paths", &arguments.paths),
-        ("--skims", &arguments.skims),
-        ("--selected", &arguments.selected),
-        ("--convergence", &arguments.convergence),
-        ("--gmns", &arguments.gmns),
-        ("--warm", &arguments.warm),
-    ]
+/// A path in one form, whether its file is there or not.
+fn whole(path: &Path) -> PathBuf {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    match (folder.canonicalize(), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_owned(),
+    }
 }
 
 /// The links of every `--select-link`, so that an unknown one is an error before the solve.
@@ -99,15 +176,18 @@ pub(super) fn write(
     assignment: &Assignment,
     selection: &Selection<'_>,
     solution: &Solution,
+    report: &ImportReport,
 ) -> Result<()> {
-    let Assignment { network, demand, .. } = assignment;
+    let Assignment {
+        network,
+        demand,
+        roads,
+        ..
+    } = assignment;
     let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
-    let costs = &solution.link_costs;
+    let (flows, costs) = (&solution.link_flows, &solution.link_costs);
     if let Some(path) = &arguments.flows {
-        files.push((
-            path,
-            flow_files::encode(path, network, &solution.link_flows, costs)?,
-        ));
+        files.push((path, flow_files::encode(path, network, flows, costs)?));
     }
     if let Some(path) = &arguments.paths {
         let text = path_flows::format_paths(network, &solution.path_flows, costs);
@@ -115,7 +195,12 @@ pub(super) fn write(
     }
     if let Some(path) = &arguments.skims {
         let skims = skims::skims(network, costs)?;
-        files.push((path, skims::format_skims(network, &skims).into_bytes()));
+        let bytes = if path.extension().is_some_and(|ending| ending == "omx") {
+            skims::format_omx(network, &skims)?
+        } else {
+            skims::format_skims(network, &skims).into_bytes()
+        };
+        files.push((path, bytes));
     }
     if let Some(path) = &arguments.selected {
         files.push((path, selection.format(network, solution).into_bytes()));
@@ -124,27 +209,38 @@ pub(super) fn write(
         let text = convergence::format_convergence(&solution.convergence);
         files.push((path, text.into_bytes()));
     }
+    if let Some(path) = &arguments.geojson {
+        let places = arguments.places(network)?;
+        let text = geojson::format_roads(network, roads, &places, (flows, costs));
+        files.push((path, text.into_bytes()));
+    }
+    if let Some(path) = &arguments.report {
+        // A report without a map is one still.
+        let places = arguments.places(network).ok();
+        let page = page::render(assignment, solution, report, places.as_ref())?;
+        files.push((path, page.into_bytes()));
+    }
+    let gmns = arguments.gmns.as_deref().map(|folder| {
+        let places = arguments.places(network).ok();
+        let extras = gmns::Extras {
+            places: places.as_ref(),
+            shapes: &roads.shapes,
+            flows: Some((flows, costs)),
+            minutes: roads.seconds / 60.0,
+            length: roads.length,
+        };
+        let mut set = gmns::format_network(network, &extras);
+        set.push(("demand.csv".to_owned(), gmns::format_demand(network, demand)));
+        (folder, set)
+    });
     for (path, bytes) in files {
         write_whole(path, &bytes)?;
     }
-    if let Some(folder) = &arguments.gmns {
-        let mut set = gmns::format_network(network, &gmns::Extras::default());
-        set.push(("demand.csv".to_owned(), gmns::format_demand(network, demand)));
-        write_set(folder, &set)?;
-    }
-    Ok(())
+    gmns.map_or(Ok(()), |(folder, set)| write_set(folder, &set))
 }
 
 /// What was written, with a word for each, in the order of the options.
 pub(super) fn written(arguments: &AssignArguments) -> impl Iterator<Item = (&'static str, &Path)> {
-    let words = [
-        "link flows",
-        "path flows",
-        "skims",
-        "select link",
-        "convergence",
-        "GMNS",
-    ];
-    let files = words.into_iter().zip(named_files(arguments));
-    files.filter_map(|(word, (_, path))| path.as_deref().map(|path| (word, path)))
+    let files = outputs(arguments).into_iter();
+    files.filter_map(|output| output.path.as_deref().map(|path| (output.word, path)))
 }

@@ -7,15 +7,18 @@ use super::canvas::{
 };
 use super::{Axis, Scale, nothing_to_draw};
 use kit::error::Result;
-use maud::html;
+use maud::{Markup, html};
 
 /// Height of a map, px; its width follows from the place's shape.
-const MAP_PX: f64 = 620.0;
+pub(super) const MAP_PX: f64 = 620.0;
 
 /// Width of the colour scale's bar, its distance from the map, and its steps.
-const BAR_PX: f64 = 18.0;
-const BAR_GAP_PX: f64 = 40.0;
+pub(super) const BAR_PX: f64 = 18.0;
+pub(super) const BAR_GAP_PX: f64 = 40.0;
 const BAR_STEPS: u32 = 64;
+
+/// From the plot to the name of the quantity below it, px.
+const LABEL_BELOW_PX: f64 = 20.0;
 
 /// Colours from the least to the largest value, in equal steps: dark blue to yellow, in order of lightness, also for
 /// colour-blind readers.
@@ -84,8 +87,7 @@ impl MapChart {
         let horizontal = Ticks::tight(Scale::Linear, [0.0, ground_x]);
         let vertical = Ticks::tight(Scale::Linear, [0.0, ground_y]);
         let rows = self.values.len() as f64;
-        let quantity = Type::LABEL.wrap(&self.quantity, WIDTH_PX - RIM_PX - bar.left);
-        let below = plot.bottom + 20.0;
+        let label_lines = bar_label(&bar, &self.quantity).len() as f64;
         let content = html! {
             (plot.horizontal_axis(&horizontal, &["x (m)".to_owned()]))
             (plot.vertical_axis(&vertical, &["y (m)".to_owned()]))
@@ -99,20 +101,9 @@ impl MapChart {
                     }
                 }
             }
-            @for step in 0..BAR_STEPS {
-                @let share = |part: f64| (f64::from(step) + part) / f64::from(BAR_STEPS);
-                (rectangle((bar.left, bar.y(share(0.0))), (bar.right, bar.y(share(1.0))), colour(share(0.5))))
-            }
-            @for tick in &scale.ticks {
-                @let y = bar.y(scale.share(tick.value));
-                @if let Some(number) = &tick.label {
-                    (line(&[(bar.left, y), (bar.right + 5.0, y)], FAINT, 1.0, None))
-                    (text(number, (bar.right + 9.0, y), Type::LABEL, Anchor::Left))
-                }
-            }
-            (texts(&quantity, (bar.left, below), Type::LABEL, Anchor::Left))
+            (colour_bar(&bar, &scale, &self.quantity))
             @if let Some((x, y, name)) = &self.mark {
-                @let legend_y = below + quantity.len() as f64 * LABEL_LINE_PX;
+                @let legend_y = plot.bottom + LABEL_BELOW_PX + label_lines * LABEL_LINE_PX;
                 @for at in [(plot.x(x / ground_x), plot.y(y / ground_y)), (bar.x(0.5), legend_y)] {
                     (disc(at, 6.5, INK))
                     (disc(at, 4.0, COLOURS[8]))
@@ -124,8 +115,31 @@ impl MapChart {
     }
 }
 
+/// The lines of a quantity's name below its colours.
+fn bar_label(bar: &Plot, quantity: &str) -> Vec<String> {
+    Type::LABEL.wrap(quantity, WIDTH_PX - RIM_PX - bar.left)
+}
+
+/// The colours of a scale, with its numbers beside them and the name of the quantity below.
+pub(super) fn colour_bar(bar: &Plot, scale: &Ticks, quantity: &str) -> Markup {
+    html! {
+        @for step in 0..BAR_STEPS {
+            @let share = |part: f64| (f64::from(step) + part) / f64::from(BAR_STEPS);
+            (rectangle((bar.left, bar.y(share(0.0))), (bar.right, bar.y(share(1.0))), colour(share(0.5))))
+        }
+        @for tick in &scale.ticks {
+            @let y = bar.y(scale.share(tick.value));
+            @if let Some(number) = &tick.label {
+                (line(&[(bar.left, y), (bar.right + 5.0, y)], FAINT, 1.0, None))
+                (text(number, (bar.right + 9.0, y), Type::LABEL, Anchor::Left))
+            }
+        }
+        (texts(&bar_label(bar, quantity), (bar.left, bar.bottom + LABEL_BELOW_PX), Type::LABEL, Anchor::Left))
+    }
+}
+
 /// The colour of a share of the scale, between its neighbours.
-fn colour(share: f64) -> Colour {
+pub(super) fn colour(share: f64) -> Colour {
     let position = share.clamp(0.0, 1.0) * (COLOURS.len() - 1) as f64;
     let below = (position.floor() as usize).min(COLOURS.len() - 2);
     let rest = position - below as f64;

@@ -11,12 +11,14 @@ mod line;
 mod map;
 mod occupancy;
 mod panels;
+mod roads;
 
 pub use bar::{Bar, BarChart};
 pub use line::{LineChart, Point, Series};
 pub use map::MapChart;
 pub use occupancy::{OccupancyChart, OccupancyGroup, SlotUse};
 pub use panels::side_by_side;
+pub use roads::RoadMapChart;
 
 use kit::error::{Error, Result};
 
