@@ -59,6 +59,7 @@ pub mod geojson;
 pub mod gmns;
 pub mod grid;
 mod heap;
+mod hyperbola;
 mod line_search;
 pub mod link;
 mod link_rows;
