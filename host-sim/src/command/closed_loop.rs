@@ -180,7 +180,7 @@ fn rows(summary: &LoopSummary) -> Vec<Row<'_>> {
             Some(("obedience", full_knowledge.beyond(all_obey))),
         ),
         row(
-            "roads with reporters known",
+            "reporters' roads known",
             covered,
             Some(("coverage", covered.beyond(full_knowledge))),
         ),
@@ -226,8 +226,16 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     let rows = rows(summary);
     let each = || rows.iter();
     let ages = |value: fn(&AgeSummary) -> f64| each().map(move |row| row.ages.map(value));
+    // Shown where there is any.
+    let trouble = |shown: &str, name: &str, value: fn(&CaseResult) -> f64| {
+        let column = Column::number(name, each().map(|row| value(row.result)));
+        match each().any(|row| value(row.result) > 0.0) {
+            true => column.shown(shown, "", 4),
+            false => column,
+        }
+    };
     let mut table = Table::new(vec![
-        Column::text("case", each().map(|row| row.name.clone())).shown("what the base station knows", "", 0),
+        Column::text("case", each().map(|row| row.name.clone())).shown("what is known", "", 0),
         Column::number("mean_age_ms", ages(|ages| ages.uncapped_mean_ms)).shown("mean age", "ms", 2),
         Column::number("road_age_s", each().map(|row| row.result.road_age_s)).shown("road age", "s", 0),
         Column::number("trip_time_s", each().map(|row| row.result.trip_time_s.0)).shown("trip time", "s", 2),
@@ -247,13 +255,8 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         .shown("+-95 %", "s", 2),
         Column::number("queued_vehicles", each().map(|row| row.result.queued.0)).shown("queued", "", 0),
         Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
-        Column::number("unfinished_share", each().map(|row| row.result.unfinished)).shown(
-            "unfinished",
-            "",
-            4,
-        ),
-        Column::number("let_through_per_trip", each().map(|row| row.result.let_through))
-            .shown("stuck", "", 4),
+        trouble("unfinished", "unfinished_share", |result| result.unfinished),
+        trouble("stuck", "let_through_per_trip", |result| result.let_through),
     ])?
     .titled("From slot to street");
     table.note(&format!("{}.", description(experiment, town, summary)));
@@ -278,9 +281,16 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         "Lost: beyond the row above that differs in this thing alone (obedience, coverage, detection, radio), beyond the \
          freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
     );
-    table.note(
-        "Queued: vehicles slower than 5 km/h. V/C: vehicles that passed over capacity. Stuck: how often, for each trip, somebody was let into a full road after 300 s.",
-    );
+    table.note("Queued: vehicles slower than 5 km/h. V/C: vehicles that passed over capacity.");
+    if rows
+        .iter()
+        .any(|row| row.result.unfinished + row.result.let_through > 0.0)
+    {
+        table.note(
+            "Unfinished: share of trips that did not arrive. Stuck: how often, for each trip, somebody was let into a full road after \
+             300 s.",
+        );
+    }
     let unfinished = rows.iter().map(|row| row.result.unfinished).fold(0.0, f64::max);
     if unfinished > UNFINISHED {
         table.note(&format!(
