@@ -25,6 +25,9 @@ use kit::error::{Error, Result};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Most trips of all worlds together (chosen: they take half a gigabyte).
+const MOST_TRIPS: f64 = 20e6;
+
 /// A mean over worlds, and half the width of its 95 % interval where there are several.
 pub type Mean = (f64, Option<f64>);
 
@@ -76,11 +79,15 @@ pub struct CaseResult {
     pub vehicles: f64,
     /// Of them, those in a queue, slower than 5 km/h.
     pub queued: Mean,
+    /// Vehicles that found no room to set out yet, mean.
+    pub waiting: f64,
     /// Mean time since a road's newest known report, in s.
     pub road_age_s: f64,
     /// Flow over capacity, mean over roads.
     pub v_over_c: f64,
-    /// Share of trips that had not arrived at the end.
+    /// Trips that count, in a world.
+    pub trips: f64,
+    /// Share of them that had not arrived at the end.
     pub unfinished: f64,
     /// Vehicles that stood for long enough to be let through into a full road, for each trip.
     pub let_through: f64,
@@ -98,6 +105,8 @@ impl CaseResult {
             trip_time_s: AgeSummary::mean_and_interval(&by_world),
             vehicles: mean(|outcome| outcome.vehicles),
             queued: AgeSummary::mean_and_interval(&queued),
+            waiting: mean(|outcome| outcome.waiting),
+            trips: mean(|outcome| f64::from(outcome.trips)),
             road_age_s: mean(|outcome| outcome.road_age_s),
             v_over_c: mean(|outcome| outcome.v_over_c),
             unfinished: mean(|outcome| f64::from(outcome.unfinished) / f64::from(outcome.trips)),
@@ -211,6 +220,12 @@ pub fn closed_loop(
     progress: impl Fn(Progress) + Sync,
 ) -> Result<LoopSummary> {
     let planning = &options.scenario.planning;
+    let trips = town.trips_per_h() * planning.horizon_s / 3600.0 * f64::from(options.worlds);
+    if trips > MOST_TRIPS {
+        let expected =
+            format!("at most {MOST_TRIPS:e} in all worlds: planning.demand_factor is a factor on them");
+        return Err(Error::input("trips", format!("{trips:.3e}"), expected));
+    }
     let worlds: Vec<Hours> = (0..u64::from(options.worlds))
         .map(|world| {
             let key = WorldKey {

@@ -39,14 +39,3 @@ pub fn source_revision(folder: &Path) -> ([u8; 20], bool) {
     let changes = git(&["status", "--porcelain", "--", ".", ":!firmware/src/tables"]);
     (revision, changes.is_none_or(|changes| !changes.is_empty()))
 }
-
-/// The revision of this program's own sources, for people.
-pub fn own_revision() -> String {
-    let (revision, modified) = source_revision(&Path::new(env!("CARGO_MANIFEST_DIR")).join(".."));
-    let changes = if modified { " with uncommitted changes" } else { "" };
-    format!(
-        "{} {}{changes}",
-        env!("CARGO_PKG_VERSION"),
-        revision_text(&revision)
-    )
-}

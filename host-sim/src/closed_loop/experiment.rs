@@ -8,12 +8,14 @@ use crate::policy::{KINDS, Kind, actor, age_threshold, assigned, central};
 use crate::scenario::{Scenario, ScenarioSource};
 use crate::weight_table::WeightTable;
 use assignment::coordinates::NodePlaces;
+use assignment::formats::{Import, ImportOptions, Unreachable};
+use assignment::report::ImportReport;
 use assignment::{CostWeights, Demand, Network, formats};
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use serde_json::{Value, json};
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How many hours a loop may have (chosen).
 pub const WORLDS: RangeInclusive<u32> = 1..=100_000;
@@ -35,8 +37,10 @@ const DELAYS_S: [f64; 4] = [1.0, 10.0, 60.0, 300.0];
 /// Longest delay that can be asked for, in s.
 const MOST_DELAY_S: f64 = 86_400.0;
 
-/// Keys of a cell that moves its vehicles itself; here trips and traffic do.
-const MOVED_BY_THE_CELL: [&str; 10] = [
+/// Keys of a cell that moves its own vehicles; here trips and traffic do.
+const WITHOUT_EFFECT: [&str; 12] = [
+    "cell.vehicles",
+    "traffic.trips_per_pair_veh_per_h",
     "mobility.min_speed_m_per_s",
     "mobility.max_speed_m_per_s",
     "mobility.turns",
@@ -47,6 +51,15 @@ const MOVED_BY_THE_CELL: [&str; 10] = [
     "mobility.signal_red_share",
     "mobility.queue_spacing_m",
     "mobility.standing_share",
+];
+
+/// Keys of loaded networks.
+const WITHOUT_NETWORK: [&str; 1] = ["planning.station_spacing_m"];
+
+/// Keys of the grid.
+const WITHOUT_GRID: [&str; 2] = [
+    "planning.lane_capacity_veh_per_h",
+    "planning.trips_per_pair_veh_per_h",
 ];
 
 kit::choices! {
@@ -86,6 +99,8 @@ pub struct LoopSource {
     pub seconds_per_unit: Option<f64>,
     /// What toll and distance cost.
     pub weights: CostWeights,
+    /// What happens to trips that no path serves.
+    pub unreachable: Unreachable,
     /// Seed of the hours.
     pub seed: u64,
 }
@@ -105,6 +120,7 @@ impl Default for LoopSource {
             metres_per_unit: None,
             seconds_per_unit: None,
             weights: CostWeights::default(),
+            unreachable: Unreachable::Fail,
             seed: 1,
         }
     }
@@ -136,9 +152,14 @@ impl LoopSource {
         if let Some((_, delay)) = delays_s.iter().enumerate().find(twice) {
             return Err(Error::input("delay", format!("{delay} twice"), "each once"));
         }
-        if let Some(key) = MOVED_BY_THE_CELL.iter().find(|key| self.scenario.sets_alone(key)) {
-            let expected = "a key that the loop has a use for: its vehicles move as traffic moves them";
-            return Err(Error::input("setting", *key, expected));
+        let of_the_other = match self.net {
+            None => &WITHOUT_NETWORK[..],
+            Some(_) => &WITHOUT_GRID,
+        };
+        let useless = WITHOUT_EFFECT.iter().chain(of_the_other);
+        if let Some(key) = useless.copied().find(|key| self.scenario.sets_alone(key)) {
+            let expected = "a key that the loop has a use for here: its vehicles move as traffic moves them";
+            return Err(Error::input("setting", key, expected));
         }
         let table = WeightTable::read_or_built_in(self.table.as_deref())?;
         for policy in &policies {
@@ -181,8 +202,22 @@ impl LoopSource {
                 None => Ok(None),
             };
         };
-        let (network, demand) = formats::read(net, self.trips.as_deref(), self.weights)?;
+        let options = ImportOptions {
+            weights: self.weights,
+            ..ImportOptions::default()
+        };
+        let mut import = formats::import(net, self.trips.as_deref(), &options)?;
+        import.settle(self.unreachable)?;
+        let Import {
+            network,
+            demand,
+            report,
+            ..
+        } = import;
         Ok(Some(LoadedNetwork {
+            net: net.clone(),
+            trips: self.trips.clone(),
+            report,
             nodes: formats::read_places(net, self.nodes.as_deref(), &network)?,
             units: Units {
                 metres_per_coordinate: self.metres_per_unit,
@@ -200,6 +235,9 @@ impl LoopSource {
 /// A network from files.
 #[derive(Debug)]
 struct LoadedNetwork {
+    net: PathBuf,
+    trips: Option<PathBuf>,
+    report: ImportReport,
     network: Network,
     demand: Demand,
     nodes: NodePlaces,
@@ -229,9 +267,19 @@ pub struct LoopExperiment {
 }
 
 impl LoopExperiment {
-    /// Whether the roads come from files.
-    pub const fn has_network(&self) -> bool {
-        self.loaded.is_some()
+    /// The files that the roads come from, and what one of their units of time is in seconds.
+    pub fn files(&self) -> Option<(&Path, Option<&Path>, f64)> {
+        let loaded = self.loaded.as_ref()?;
+        Some((
+            &loaded.net,
+            loaded.trips.as_deref(),
+            loaded.units.seconds_per_time,
+        ))
+    }
+
+    /// What was assumed of the network's files; nothing of the grid.
+    pub fn report(&self) -> Option<&ImportReport> {
+        self.loaded.as_ref().map(|loaded| &loaded.report)
     }
 
     /// The roads with their usual ways, whose equilibrium is solved here.
@@ -280,7 +328,13 @@ impl LoopExperiment {
             "worlds": self.worlds,
             "roads": town.map().roads().len(),
             "base_stations": town.stations_m().len(),
+            "network": self.files().map(|(net, trips, seconds)| json!({
+                "net": net,
+                "trips": trips,
+                "seconds_per_unit": seconds,
+            })),
             "metres_per_unit": town.metres_per_coordinate(),
+            "max_v_over_c_of_usual_ways": town.most_v_over_c(),
             "vehicles": summary.detected.vehicles,
             "connected_in_cell": summary.connected_in_cell.0,
             "most_connected_in_cell": summary.connected_in_cell.1,
@@ -318,6 +372,8 @@ fn case_json(result: &CaseResult) -> Value {
         "mean_travel_time_s": result.trip_time_s.0,
         "mean_travel_time_ci95_s": result.trip_time_s.1,
         "vehicles": result.vehicles,
+        "waiting_vehicles": result.waiting,
+        "trips": result.trips,
         "queued_vehicles": result.queued.0,
         "queued_vehicles_ci95": result.queued.1,
         "road_age_s": result.road_age_s,

@@ -11,14 +11,19 @@ use crate::report::pages;
 use crate::report::table::{Column, Table};
 use crate::threads::thread_pool;
 use assignment::CostWeights;
+use assignment::formats::Unreachable;
+use assignment::report::NoteKind;
 use kit::choice::Choice as _;
 use kit::error::Result;
 use kit::files::{NamedText, check_folder, write_set, written};
-use kit::say;
+use kit::{remark, say};
 use std::path::{Path, PathBuf};
 
 /// Share of unfinished trips from which on times are no longer trip times (chosen).
 const UNFINISHED: f64 = 0.005;
+
+/// What would be shown as 0.000.
+const LEAST_TROUBLE: f64 = 0.0005;
 
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
@@ -64,6 +69,9 @@ pub struct LoopArguments {
     /// Cost of a unit of length, in units of free-flow time
     #[arg(long, default_value_t = 0.0, requires = "net")]
     pub distance_weight: f64,
+    /// What happens to trips that no path serves
+    #[arg(long, value_parser = choice::<Unreachable>(), default_value = "fail", requires = "net")]
+    pub unreachable: Unreachable,
     /// Seed of the hours; any number is held out from training
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -97,6 +105,7 @@ impl LoopArguments {
                 toll: self.toll_weight,
                 distance: self.distance_weight,
             },
+            unreachable: self.unreachable,
             seed: self.seed,
         }
     }
@@ -114,7 +123,19 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
     check_table_is_used(arguments.table.as_deref(), &arguments.policy)?;
     let experiment = arguments.source().read()?;
+    for (note, times) in experiment.report().into_iter().flat_map(|report| report.notes()) {
+        if note.kind == NoteKind::Warning {
+            remark!("warning: {}: {} ({times})", note.place, note.text);
+        }
+    }
     let town = pool.install(|| experiment.town())?;
+    if town.most_v_over_c() > 1.0 {
+        remark!(
+            "warning: trips: {:.0} an hour are {:.1} times what the fullest road carries; planning.demand_factor is a factor on them",
+            town.trips_per_h(),
+            town.most_v_over_c()
+        );
+    }
     let template = "closed loop {bar:40} {percent} %, {eta} left";
     let bar = progress_bar(1, template, arguments.json);
     let summary = pool.install(|| {
@@ -229,14 +250,14 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     // Shown where there is any.
     let trouble = |shown: &str, name: &str, value: fn(&CaseResult) -> f64| {
         let column = Column::number(name, each().map(|row| value(row.result)));
-        match each().any(|row| value(row.result) > 0.0) {
-            true => column.shown(shown, "", 4),
+        match each().any(|row| value(row.result) > LEAST_TROUBLE) {
+            true => column.shown(shown, "", 3),
             false => column,
         }
     };
     let mut table = Table::new(vec![
         Column::text("case", each().map(|row| row.name.clone())).shown("what is known", "", 0),
-        Column::number("mean_age_ms", ages(|ages| ages.uncapped_mean_ms)).shown("mean age", "ms", 2),
+        Column::number("uncapped_mean_age_ms", ages(|ages| ages.uncapped_mean_ms)).shown("mean age", "ms", 2),
         Column::number("road_age_s", each().map(|row| row.result.road_age_s)).shown("road age", "s", 0),
         Column::number("trip_time_s", each().map(|row| row.result.trip_time_s.0)).shown("trip time", "s", 2),
         Column::number("trip_time_ci95_s", each().map(|row| row.result.trip_time_s.1))
@@ -255,6 +276,7 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         .shown("+-95 %", "s", 2),
         Column::number("queued_vehicles", each().map(|row| row.result.queued.0)).shown("queued", "", 0),
         Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
+        trouble("waiting", "waiting_vehicles", |result| result.waiting),
         trouble("unfinished", "unfinished_share", |result| result.unfinished),
         trouble("stuck", "let_through_per_trip", |result| result.let_through),
     ])?
@@ -270,9 +292,11 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         100.0 * planning.connected_share,
         100.0 * planning.obeying_share,
     ));
-    if experiment.has_network() {
+    if let Some((net, trips, seconds)) = experiment.files() {
+        let trips = trips.map_or_else(String::new, |trips| format!(" with {}", trips.display()));
         table.note(&format!(
-            "{:.0} m for each unit of the network's coordinates; a base station every {} m.",
+            "{}{trips}: {:.0} m for each unit of its coordinates, {seconds} s for each of its times; a base station every {} m.",
+            net.display(),
             town.metres_per_coordinate(),
             planning.station_spacing_m
         ));
@@ -281,25 +305,31 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         "Lost: beyond the row above that differs in this thing alone (obedience, coverage, detection, radio), beyond the \
          freshest policy (protocol), or beyond reports heard at once (delay, no information), paired by hour.",
     );
-    table.note("Queued: vehicles slower than 5 km/h. V/C: vehicles that passed over capacity.");
-    if rows
-        .iter()
-        .any(|row| row.result.unfinished + row.result.let_through > 0.0)
-    {
+    table.note(
+        "Mean age: of connected vehicles, not capped. Road age: time since a road's newest known report, mean over roads and the \
+         hour; from the start where there is none. Trip time: of all, from the wish to set out to arrival. Queued: vehicles slower than \
+         5 km/h. V/C: flow over capacity, mean over roads.",
+    );
+    let trouble = |result: &CaseResult| result.waiting.max(result.unfinished).max(result.let_through);
+    if rows.iter().any(|row| trouble(row.result) > LEAST_TROUBLE) {
         table.note(
-            "Unfinished: share of trips that did not arrive. Stuck: how often, for each trip, somebody was let into a full road after \
-             300 s.",
+            "Waiting: vehicles that found no room to set out. Unfinished: share of trips that did not arrive. Stuck: how often, for each \
+             trip, somebody was let into a full road after 300 s.",
         );
     }
     let unfinished = rows.iter().map(|row| row.result.unfinished).fold(0.0, f64::max);
     if unfinished > UNFINISHED {
         table.note(&format!(
-            "CAUTION: up to {:.0} % of trips had not arrived at twice planning.horizon_s and count as arriving then. The streets \
-             were locked; these times measure the lock, not knowledge.",
+            "CAUTION: up to {:.0} % of trips had not arrived at twice planning.horizon_s and count as arriving then: they are longer than \
+             that, the roads do not carry them (waiting), or streets are locked (stuck). Such times do not measure knowledge.",
             100.0 * unfinished
         ));
     }
-    table.note("An interval that holds zero says that these hours show no loss. Cells do not disturb each other here.");
+    table.note(if experiment.worlds > 1 {
+        "Where an interval holds zero, these hours cannot tell; more --worlds may. Cells do not disturb each other here."
+    } else {
+        "One world: no intervals. Cells do not disturb each other here."
+    });
     Ok(table)
 }
 
@@ -311,19 +341,27 @@ fn description(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     };
     let minutes = experiment.scenario.planning.horizon_s / 60.0;
     format!(
-        "{roads} roads under {stations}, {:.0} vehicles on them, {:.0} connected in a cell (at most {}), {} worlds x {minutes} min, \
-         {} traffic, seed {}",
+        "{roads} roads under {stations}, {:.0} vehicles on them where reports are heard at once, {:.0} connected in a cell (at most {}), \
+         {} x {minutes} min with {:.0} trips that count, {} traffic, seed {}",
         summary.detected.vehicles,
         summary.connected_in_cell.0,
         summary.connected_in_cell.1,
-        experiment.worlds,
+        match experiment.worlds {
+            1 => "1 world".to_owned(),
+            worlds => format!("{worlds} worlds"),
+        },
+        summary.detected.trips,
         experiment.traffic.name(),
         experiment.seed
     )
 }
 
 fn figures(description: &str, summary: &LoopSummary) -> Result<Vec<NamedText>> {
-    let note = format!("{description}. Differences of the same hours; bars are 95 % intervals.");
+    let intervals = match summary.detected.trip_time_s.1 {
+        Some(_) => "; whiskers are 95 % intervals",
+        None => "",
+    };
+    let note = format!("{description}. Differences of the same hours{intervals}.");
     let point = |x: f64, (y, half): Mean| Point {
         x,
         y,
@@ -366,7 +404,14 @@ fn figures(description: &str, summary: &LoopSummary) -> Result<Vec<NamedText>> {
                 value: summary.no_information.beyond(&summary.detected).0,
             }],
         };
-        set.extend(chart.files("loop_delay", ["case", "delay_s", "trip_loss_s"])?);
+        set.extend(chart.files(
+            "loop_delay",
+            [
+                "case",
+                "delay_or_mean_age_s",
+                "trip_time_beyond_reports_at_once_s",
+            ],
+        )?);
     }
     let bars = rows(summary).into_iter().filter_map(|row| {
         let (to, (value, half)) = row.loss?;

@@ -102,6 +102,8 @@ pub struct Outcome {
     pub vehicles: f64,
     /// Of them, those that stand in a queue: slower than 5 km/h since the look before.
     pub queued: f64,
+    /// Vehicles that want to set out and found no room yet, mean likewise.
+    pub waiting: f64,
     /// Time in s since the newest known report of a road was measured, mean over roads and looks that count, at most an hour;
     /// roads never heard of count with the time since the start.
     pub road_age_s: f64,
@@ -208,7 +210,8 @@ pub fn run(
         world,
     };
     let mut arrived = Vec::new();
-    let (mut vehicles, mut queued, mut road_age_s, mut looks) = (0.0, 0.0, 0.0, 0.0);
+    let (mut vehicles, mut queued, mut waiting) = (0.0, 0.0, 0.0);
+    let (mut road_age_s, mut looks) = (0.0, 0.0);
     let mut look = 0_u32;
     loop {
         let last_s = f64::from(look) * look_s;
@@ -223,6 +226,7 @@ pub fn run(
             looks += 1.0;
             vehicles += hour.now.len() as f64;
             queued += f64::from(hour.queued);
+            waiting += hour.waiting() as f64;
             road_age_s += hour.road_age_s(time_s);
         }
         let all_gone = hour.travellers.len() == world.trips.len()
@@ -234,6 +238,7 @@ pub fn run(
     Ok(Outcome {
         vehicles: vehicles / looks,
         queued: queued / looks,
+        waiting: waiting / looks,
         road_age_s: road_age_s / looks,
         ..hour.outcome()
     })
@@ -431,6 +436,12 @@ impl Hour<'_, '_> {
                 }
             }
         }
+    }
+
+    /// Vehicles that are neither on a road nor at the end of their way.
+    fn waiting(&self) -> usize {
+        let underway = self.travellers.iter().filter(|t| t.arrived_s.is_none());
+        underway.count().saturating_sub(self.now.len())
     }
 
     fn road_age_s(&self, time_s: f64) -> f64 {

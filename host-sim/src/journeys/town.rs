@@ -20,6 +20,15 @@ const RELATIVE_GAP: f64 = 1e-6;
 /// Mean free speed in m/s to which a network is scaled whose coordinates have no known unit (chosen: 50 km/h).
 const URBAN_SPEED_M_PER_S: f64 = 50.0 / 3.6;
 
+/// How far apart the places of a network may lie, in m (chosen).
+const LARGEST_M: f64 = 1e6;
+
+/// Mean free speeds in m/s that a network may have (chosen: 4 to 540 km/h).
+const PLAUSIBLE_M_PER_S: std::ops::RangeInclusive<f64> = 1.1..=150.0;
+
+/// Most base stations (chosen).
+const MOST_STATIONS: f64 = 10_000.0;
+
 /// What the numbers of a network mean. Chosen by the format or its reader's options.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Units {
@@ -36,6 +45,8 @@ pub struct Town {
     map: RoadMap,
     network: Network,
     paths: Vec<PathFlow>,
+    /// Flow over capacity on the usual ways, where it is largest.
+    most_v_over_c: f64,
     stations_m: Vec<(f64, f64)>,
     /// Metres for each unit of a loaded network's coordinates.
     metres_per_coordinate: f64,
@@ -110,7 +121,19 @@ impl Town {
             .iter()
             .map(|&(x, y)| (metres * x, metres * y))
             .collect();
-        let stations = lattice(&places, planning.station_spacing_m);
+        let (x, y) = extents(&places);
+        let far_m = (x.1 - x.0).max(y.1 - y.0);
+        let mean_m_per_s = metres * total / (seconds * time);
+        if far_m > LARGEST_M || !PLAUSIBLE_M_PER_S.contains(&mean_m_per_s) {
+            let found = format!(
+                "{metres:e} m for each unit of coordinates and {seconds:e} s for each of time, so {:.3e} km and {:.3e} km/h on average",
+                far_m / 1000.0,
+                3.6 * mean_m_per_s
+            );
+            let expected = "a town: --metres-per-unit and --seconds-per-unit say otherwise";
+            return Err(Error::input("network", found, expected));
+        }
+        let stations = lattice(&places, planning.station_spacing_m)?;
         let lanes = |capacity: f64| (capacity / LANE_CAPACITY_VEH_PER_H).round().max(1.0) as u32;
         let map = road_map(&network, places, seconds, lanes)?;
         let demand = demand.scaled(planning.demand_factor)?;
@@ -128,13 +151,17 @@ impl Town {
             gap: RELATIVE_GAP,
             ..Options::default()
         };
-        let paths: Vec<PathFlow> = assign(&network, demand, &options)?.path_flows.iter().collect();
+        let solution = assign(&network, demand, &options)?;
+        let paths: Vec<PathFlow> = solution.path_flows.iter().collect();
         if paths.is_empty() {
-            let expected = "trips between nodes that lie apart";
+            let expected = "trips between nodes that lie apart, times a planning.demand_factor above 0";
             return Err(Error::input("trips", "none of any length", expected));
         }
+        let links = network.links().iter().zip(&solution.link_flows);
+        let v_over_c = links.map(|(link, flow)| flow / link.capacity);
         Ok(Self {
             map,
+            most_v_over_c: v_over_c.fold(0.0, f64::max),
             network,
             paths,
             stations_m,
@@ -187,6 +214,16 @@ impl Town {
     /// The usual ways, with vehicles an hour.
     pub fn paths(&self) -> &[PathFlow] {
         &self.paths
+    }
+
+    /// Trips an hour.
+    pub fn trips_per_h(&self) -> f64 {
+        self.paths.iter().map(|path| path.volume).sum()
+    }
+
+    /// Flow over capacity on the usual ways, where it is largest. Above 1, not everybody gets through.
+    pub fn most_v_over_c(&self) -> f64 {
+        self.most_v_over_c
     }
 
     /// Places of the base stations in m.
@@ -258,27 +295,41 @@ fn road_map(
     RoadMap::new(roads.collect(), places_m)
 }
 
-/// Stations on a square lattice, centred over what it has to cover, none further than a spacing from all places.
-fn lattice(places_m: &[(f64, f64)], spacing_m: f64) -> Vec<(f64, f64)> {
-    let along = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+/// The least and the largest coordinate of places along x and y.
+fn extents(places_m: &[(f64, f64)]) -> ((f64, f64), (f64, f64)) {
+    let extent = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
             (low.min(value), high.max(value))
-        });
+        })
+    };
+    (
+        extent(&mut places_m.iter().map(|place| place.0)),
+        extent(&mut places_m.iter().map(|place| place.1)),
+    )
+}
+
+/// Stations on a square lattice, centred over what it has to cover, none further than a spacing from all places.
+fn lattice(places_m: &[(f64, f64)], spacing_m: f64) -> Result<Vec<(f64, f64)>> {
+    let (x, y) = extents(places_m);
+    let count = ((x.1 - x.0) / spacing_m + 1.0) * ((y.1 - y.0) / spacing_m + 1.0);
+    if count > MOST_STATIONS {
+        let found = format!("{spacing_m} m, so {count:.0} base stations");
+        let expected = format!("at most {MOST_STATIONS} of them");
+        return Err(Error::input("planning.station_spacing_m", found, expected));
+    }
+    let along = |(low, high): (f64, f64)| {
         let count = ((high - low) / spacing_m).ceil().max(1.0);
         let first = 0.5 * (low + high) - 0.5 * spacing_m * (count - 1.0);
         (0..count as u32)
             .map(move |n| first + spacing_m * f64::from(n))
             .collect::<Vec<f64>>()
     };
-    let (columns, rows) = (
-        along(&mut places_m.iter().map(|place| place.0)),
-        along(&mut places_m.iter().map(|place| place.1)),
-    );
+    let (columns, rows) = (along(x), along(y));
     let stations = rows.iter().flat_map(|&y| columns.iter().map(move |&x| (x, y)));
     let near = |&(x, y): &(f64, f64)| {
         places_m
             .iter()
             .any(|place| libm::hypot(place.0 - x, place.1 - y) <= spacing_m)
     };
-    stations.filter(near).collect()
+    Ok(stations.filter(near).collect())
 }

@@ -4,7 +4,7 @@ use super::html::{Block, Page, Section};
 use super::table::Table;
 use crate::experiment::{Experiment, PolicyResult};
 use crate::policy::Kind;
-use crate::revision::{own_revision, revision_text};
+use crate::revision::revision_text;
 use crate::scenario::{Preset, Scenario};
 use crate::weight_table::WeightTable;
 use kit::error::Result;
@@ -214,7 +214,7 @@ fn page(
             "changed keys",
             changed_keys(scenario).unwrap_or_else(|| "none: the paper's Table I".to_owned()),
         ),
-        ("program", own_revision()),
+        ("program", env!("CARGO_PKG_VERSION").to_owned()),
         (
             "weight table",
             format!(

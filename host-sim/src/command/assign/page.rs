@@ -4,7 +4,6 @@ use crate::assign::Assignment;
 use crate::report::chart::RoadMapChart;
 use crate::report::html::{Block, Page, Section};
 use crate::report::table::{Column, Table};
-use crate::revision::own_revision;
 use assignment::Solution;
 use assignment::coordinates::NodePlaces;
 use assignment::report::ImportReport;
@@ -61,7 +60,7 @@ pub(super) fn render(
             "pairs without a path, left out",
             assignment.lost.len().to_string(),
         ),
-        ("program", own_revision()),
+        ("program", env!("CARGO_PKG_VERSION").to_owned()),
     ];
     let page = Page {
         title: "Freshlane: traffic assignment".to_owned(),

@@ -21,7 +21,6 @@ use super::{Arrival, OnRoad, STUCK_S, TrafficModel};
 use kit::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
-use tempfile::TempDir;
 use traci::{Client, Version};
 
 /// Vehicles in a SUMO of their own.
@@ -43,8 +42,6 @@ pub struct SumoTraffic {
     present: BTreeMap<u32, Presence>,
     routes: u64,
     let_through: u64,
-    /// The files that SUMO reads.
-    _folder: TempDir,
 }
 
 /// A vehicle on its way.
@@ -86,6 +83,8 @@ impl SumoTraffic {
         client.subscribe()?;
         // SUMO tells of a second at its end: with this one, what is told after n steps holds for time n.
         client.step()?;
+        // SUMO has read its files. Whoever kills this program leaves none behind.
+        drop(folder);
         Ok(Self {
             client,
             version,
@@ -98,7 +97,6 @@ impl SumoTraffic {
             present: BTreeMap::new(),
             routes: 0,
             let_through: 0,
-            _folder: folder,
         })
     }
 

@@ -4,11 +4,13 @@ use super::traci::{Client, Version};
 use crate::hil::emulator::end_with_parent;
 use kit::error::{Error, Result};
 use std::ffi::OsString;
+use std::fs::File;
+use std::io::{Read as _, Seek as _};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
+use tempfile::NamedTempFile;
 
 /// For a network to load (chosen: a large city's takes a minute; a program that ends is noticed at once).
 const START_LIMIT: Duration = Duration::from_secs(300);
@@ -187,23 +189,25 @@ fn last_words(log: &str) -> String {
 #[derive(Debug)]
 pub struct Process {
     child: Child,
-    folder: TempDir,
+    /// What it writes, in a file without a name.
+    log: File,
 }
 
 impl Process {
     fn spawn(program: &Path, arguments: &[OsString], port: u16) -> Result<Self> {
-        let folder = tempfile::tempdir().map_err(|source| Error::file(&std::env::temp_dir(), source))?;
-        let path = folder.path().join("log");
-        let in_file = |source| Error::file(&path, source);
-        let log = std::fs::File::create(&path).map_err(in_file)?;
-        let errors = log.try_clone().map_err(in_file)?;
+        let in_file = |source| Error::file(&std::env::temp_dir(), source);
+        let file = NamedTempFile::new().map_err(in_file)?;
+        // A position of its own: what is read here does not move where the program writes.
+        let log = file.reopen().map_err(in_file)?;
+        let output = file.into_file();
+        let errors = output.try_clone().map_err(in_file)?;
         let mut command = Command::new(program);
         command.args(arguments).args(["--remote-port", &port.to_string()]);
-        command.stdin(Stdio::null()).stdout(log).stderr(errors);
+        command.stdin(Stdio::null()).stdout(output).stderr(errors);
         end_with_parent(&mut command);
         let child = command.spawn();
         let child = child.map_err(|error| Error::input(program.display(), error, "SUMO's program `sumo`"))?;
-        Ok(Self { child, folder })
+        Ok(Self { child, log })
     }
 
     /// Its number in the system.
@@ -225,7 +229,13 @@ impl Process {
     }
 
     fn log(&self) -> String {
-        std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default()
+        let mut bytes = Vec::new();
+        let mut log = &self.log;
+        let read = log.rewind().and_then(|()| log.read_to_end(&mut bytes));
+        read.map_or_else(
+            |_| String::new(),
+            |_| String::from_utf8_lossy(&bytes).into_owned(),
+        )
     }
 
     /// How it ended, with what it wrote before.

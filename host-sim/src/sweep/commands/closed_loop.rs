@@ -145,6 +145,7 @@ fn prepare(settings: &Settings<'_>) -> Result<Task> {
         metres_per_unit: settings.number("metres_per_unit"),
         seconds_per_unit: settings.number("seconds_per_unit"),
         weights: settings.weights(),
+        unreachable: default.unreachable,
         seed: settings.seed(),
     };
     let experiment = source.read()?;
