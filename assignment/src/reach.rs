@@ -18,7 +18,7 @@ pub fn unreachable(network: &Network, demand: &Demand) -> Vec<Trip> {
             continue;
         }
         if searched.replace(trip.origin) != Some(trip.origin) {
-            reached = search(network, origin, &Links::of(network, true));
+            reached = search(network, origin, &core.along);
         }
         if !reached[destination] {
             lost.push(trip);
@@ -33,6 +33,8 @@ struct Core {
     from: Vec<bool>,
     /// Which nodes it reaches.
     into: Vec<bool>,
+    /// All links.
+    along: Links,
 }
 
 impl Core {
@@ -46,16 +48,19 @@ impl Core {
         }
         let first = numbering.first_thru_node as usize - 1;
         let centre = (first..degrees.len()).max_by_key(|&node| degrees[node]);
+        let along = Links::of(network, true);
         let Some(centre) = centre else {
             let nothing = vec![false; degrees.len()];
             return Self {
                 from: nothing.clone(),
                 into: nothing,
+                along,
             };
         };
         Self {
             from: search(network, centre, &Links::of(network, false)),
-            into: search(network, centre, &Links::of(network, true)),
+            into: search(network, centre, &along),
+            along,
         }
     }
 }

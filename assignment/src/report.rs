@@ -79,7 +79,7 @@ impl ImportReport {
     }
 
     /// Says which range numbers lie in; warns if their median lies outside of the usual.
-    pub(crate) fn range(&mut self, place: String, values: Vec<f64>, usual: Option<RangeInclusive<f64>>) {
+    pub fn range(&mut self, place: String, values: Vec<f64>, usual: Option<RangeInclusive<f64>>) {
         let least = values.iter().copied().fold(f64::INFINITY, f64::min);
         let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let Some(median) = median(values) else {

@@ -469,7 +469,9 @@ fn sumo_trips_lead_between_zones_of_edges_and_may_be_compressed() {
         Some(&path("od.xml")),
         &ImportOptions::default(),
     ));
-    assert!(without.ends_with("od.xml:1: found fromTaz=\"1\", expected a <taz> of this file or of --taz"));
+    assert!(
+        without.ends_with("od.xml:1: found fromTaz=\"1\", expected a <taz> that came before, or of --taz")
+    );
     std::fs::write(path("net.xml.gz"), &packed[..packed.len() / 2]).unwrap();
     let half = message(import(&path("net.xml.gz"), Some(&path("od.xml")), &options));
     assert!(

@@ -57,7 +57,8 @@ struct Open {
 /// Everything of a file on the way.
 struct Reader<'n> {
     net: &'n Net,
-    taz: HashMap<String, u32>,
+    taz: &'n mut Vec<Taz>,
+    taz_numbers: HashMap<String, u32>,
     /// Ends of routes by their names, with shares for distributions.
     routes: HashMap<String, Vec<([Place; 2], f64)>>,
     /// The distribution that is open.
@@ -70,19 +71,21 @@ struct Reader<'n> {
     seen: BTreeMap<&'static str, usize>,
 }
 
-/// Reads all trips of a file. Each vehicle counts one an hour: the file is taken for an hour's.
+/// Reads all trips of a file, and the zones that it declares. Each vehicle counts one an hour: the file is taken for an
+/// hour's.
 ///
 /// # Errors
 /// As [`super::SumoNetwork::read_trips`].
 pub(super) fn read(
     Text { name, text }: &Text,
     net: &Net,
-    taz: &[Taz],
+    taz: &mut Vec<Taz>,
     report: &mut ImportReport,
 ) -> Result<Vec<Journey>> {
     let mut reader = Reader {
         net,
-        taz: taz.iter().map(|taz| taz.id.clone()).zip(0..).collect(),
+        taz_numbers: taz.iter().map(|taz| taz.id.clone()).zip(0..).collect(),
+        taz,
         routes: HashMap::new(),
         distribution: None,
         open: None,
@@ -128,7 +131,12 @@ impl Reader<'_> {
             "routeDistribution" => self.distribution = Some(element.required("id")?),
             "route" => self.route(element)?,
             tag @ ("trip" | "vehicle" | "flow") => self.vehicle(element, tag)?,
-            _ => {}
+            tag => {
+                Taz::scan(self.taz, element)?;
+                if let ("taz", Some(taz)) = (tag, self.taz.last()) {
+                    self.taz_numbers.insert(taz.id.clone(), self.taz.len() as u32 - 1);
+                }
+            }
         }
         Ok(())
     }
@@ -293,9 +301,12 @@ impl Reader<'_> {
             }
             let zone = format!("{edge}Taz");
             if let Some(id) = element.optional(&zone)? {
-                let number = self.taz.get(&id).copied();
+                let number = self.taz_numbers.get(&id).copied();
                 let number = number.ok_or_else(|| {
-                    element.error(format!("{zone}=\"{id}\""), "a <taz> of this file or of --taz")
+                    element.error(
+                        format!("{zone}=\"{id}\""),
+                        "a <taz> that came before, or of --taz",
+                    )
                 })?;
                 return Ok(Some(Place::Taz(number)));
             }

@@ -205,11 +205,13 @@ impl SumoNetwork {
 
     /// [`read_trips`](Self::read_trips) with a report.
     pub(crate) fn trips_between_junctions(&self, text: &Text, report: &mut ImportReport) -> Result<Demand> {
+        let mut taz = self.net.taz.clone();
+        let journeys = demand::read(text, &self.net, &mut taz, report)?;
         let junction = |place: Place, of_edge: fn(&Edge) -> u32| match place {
             Place::Junction(number) => Ok(number),
             Place::Edge(edge) | Place::End(edge) => Ok(of_edge(&self.net.edges[edge as usize])),
-            Place::Taz(taz) => {
-                let found = format!("trips of taz `{}`", self.net.taz[taz as usize].id);
+            Place::Taz(number) => {
+                let found = format!("trips of taz `{}`", taz[number as usize].id);
                 Err(Error::input(
                     &text.name,
                     found,
@@ -218,7 +220,7 @@ impl SumoNetwork {
             }
         };
         let mut trips = Vec::new();
-        for journey in demand::read(text, &self.net, &self.net.taz, report)? {
+        for journey in journeys {
             trips.push(Trip {
                 origin: junction(journey.origin, |edge| edge.from)?,
                 destination: junction(journey.destination, |edge| edge.to)?,
@@ -255,8 +257,7 @@ pub(crate) fn read(
         Some(journeys) => journeys,
         None => {
             let text = text::read(demand_path)?;
-            taz.extend(demand::read_taz(&text)?);
-            demand::read(&text, &net, &taz, report)?
+            demand::read(&text, &net, &mut taz, report)?
         }
     };
     let mut numbers: HashMap<Place, u32> = HashMap::new();
