@@ -38,11 +38,12 @@ pub struct Evaluation {
     pub conserves_demand: bool,
 }
 
-/// Judges `link_flows`, one per link in file order.
+/// Judges `link_flows`, one per link in file order, or one per road where all that a reader added costs nothing. Flows of
+/// roads alone are held to what they can show: the nodes of a junction and its zones are one then.
 ///
 /// # Errors
-/// [`Error::Input`] for another number of flows than of links, a flow that is negative or not finite, a demand for other
-/// zones, or a pair of zones with demand but no path.
+/// [`Error::Input`] for another number of flows, a flow that is negative or not finite, a demand for other zones, or a pair of
+/// zones with demand but no path.
 pub fn evaluate(
     network: &Network,
     demand: &Demand,
@@ -50,10 +51,13 @@ pub fn evaluate(
     link_flows: &[f64],
 ) -> Result<Evaluation> {
     let links = network.links();
-    if link_flows.len() != links.len() {
+    let only_roads = link_flows.len() < links.len() && is_enough(network, link_flows.len());
+    if link_flows.len() != links.len() && !only_roads {
         let expected = format!("{}, one per link", links.len());
         return Err(Error::input("flows", link_flows.len(), expected));
     }
+    let added = vec![0.0; links.len() - link_flows.len()];
+    let link_flows = &[link_flows, &added].concat();
     if demand.zones() != network.numbering().zones {
         let expected = format!("the network's {}", network.numbering().zones);
         return Err(Error::input("zones of the demand", demand.zones(), expected));
@@ -74,7 +78,11 @@ pub fn evaluate(
         drivers_costs.push(cost);
     }
     let cheapest_total = cheapest_total(network, demand, &drivers_costs)?;
-    let (largest_imbalance, worst_node) = largest_imbalance(network, demand, link_flows);
+    let (largest_imbalance, worst_node) = if only_roads {
+        largest_imbalance_of_junctions(network, demand, link_flows)
+    } else {
+        largest_imbalance(network, demand, link_flows)
+    };
     Ok(Evaluation {
         relative_gap: problem::relative_gap(drivers_total, cheapest_total),
         objective: match objective {
@@ -86,6 +94,14 @@ pub fn evaluate(
         worst_node,
         conserves_demand: largest_imbalance <= CONSERVATION_TOLERANCE * demand.total(),
     })
+}
+
+/// Whether so many flows, the first ones, can be judged: those of all links, or of all roads where the links behind them cost
+/// nothing.
+pub(crate) fn is_enough(network: &Network, flows: usize) -> bool {
+    let roads = network.roads().len();
+    let free = |link: &Link| bpr_terms(network, link, 1.0) == (0.0, 0.0);
+    flows == network.links().len() || (flows == roads && network.links()[roads..].iter().all(free))
 }
 
 /// Generalised cost of the empty link, and the delay that `flow` adds.
@@ -183,6 +199,66 @@ fn largest_imbalance(network: &Network, demand: &Demand, link_flows: &[f64]) -> 
         }
     }
     (largest, worst_node)
+}
+
+/// The largest imbalance where nodes that turns join count as one, and those where trips of one zone begin, and those where
+/// they end; with the number of one of the nodes.
+fn largest_imbalance_of_junctions(network: &Network, demand: &Demand, link_flows: &[f64]) -> (f64, u32) {
+    let roads = network.roads();
+    let mut on_road = vec![false; network.numbering().nodes as usize];
+    for road in roads {
+        on_road[road.init_node as usize - 1] = true;
+        on_road[road.term_node as usize - 1] = true;
+    }
+    let is_apart = |node: u32| node <= network.numbering().zones && !on_road[node as usize - 1];
+    let mut junctions = Merged((0..on_road.len()).collect());
+    // Where the trips of zones that lie on no road begin and end.
+    let (mut first, mut last) = (vec![None; on_road.len()], vec![None; on_road.len()]);
+    for link in &network.links()[roads.len()..] {
+        let [from, to] = [link.init_node, link.term_node].map(|node| node as usize - 1);
+        if is_apart(link.init_node) {
+            junctions.merge(to, *first[from].get_or_insert(to));
+        } else if is_apart(link.term_node) {
+            junctions.merge(from, *last[to].get_or_insert(from));
+        } else {
+            junctions.merge(from, to);
+        }
+    }
+    let mut surplus = vec![0.0; on_road.len()];
+    for (road, flow) in roads.iter().zip(link_flows) {
+        surplus[junctions.of(road.term_node as usize - 1)] += flow;
+        surplus[junctions.of(road.init_node as usize - 1)] -= flow;
+    }
+    for trip in demand.trips() {
+        let [origin, destination] = [trip.origin, trip.destination].map(|zone| zone as usize - 1);
+        surplus[junctions.of(first[origin].unwrap_or(origin))] += trip.volume;
+        surplus[junctions.of(last[destination].unwrap_or(destination))] -= trip.volume;
+    }
+    let numbered = (1..)
+        .zip(surplus)
+        .map(|(number, surplus)| (f64::abs(surplus), number));
+    numbered.fold(
+        (0.0, 1),
+        |worst, next| if next.0 > worst.0 { next } else { worst },
+    )
+}
+
+/// Sets of nodes, each with one that stands for it: a way to that one from every other.
+struct Merged(Vec<usize>);
+
+impl Merged {
+    fn of(&mut self, mut node: usize) -> usize {
+        while self.0[node] != node {
+            self.0[node] = self.0[self.0[node]];
+            node = self.0[node];
+        }
+        node
+    }
+
+    fn merge(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.of(a), self.of(b));
+        self.0[a] = b;
+    }
 }
 
 /// Link flows and costs as a flow file: one row per link in file order, numbers with all their digits.

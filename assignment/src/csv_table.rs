@@ -27,25 +27,26 @@ pub(crate) struct Row<'t> {
 }
 
 impl CsvTable {
-    pub(crate) fn parse(Text { name, text }: &Text) -> Result<Self> {
-        let broken = |failure: csv::Error| {
-            let line = failure.position().map_or(1, csv::Position::line);
-            let found = match failure.kind() {
-                csv::ErrorKind::UnequalLengths { len, .. } => format!("{len} columns"),
-                _ => failure.to_string(),
-            };
-            Error::input(
-                format!("{name}:{line}"),
-                found,
-                "as many columns as the first line has",
-            )
-        };
+    /// A table with all its rows.
+    pub(crate) fn parse(text: &Text) -> Result<Self> {
+        let (mut table, mut reader) = Self::head(text)?;
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record.map_err(|failure| broken(&text.name, &failure))?;
+            rows.push((line(&record), record));
+        }
+        table.rows = rows;
+        Ok(table)
+    }
+
+    /// A table without rows, and the reader that gives them one by one to [`each_row`](Self::each_row).
+    pub(crate) fn head(Text { name, text }: &Text) -> Result<(Self, csv::Reader<&[u8]>)> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
         let columns: Vec<String> = reader
             .headers()
-            .map_err(broken)?
+            .map_err(|failure| broken(name, &failure))?
             .iter()
             .map(str::to_owned)
             .collect();
@@ -55,18 +56,35 @@ impl CsvTable {
                 return Err(Error::input(format!("{name}:1"), found, "each column once"));
             }
         }
-        let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(broken)?;
-            let line = record.position().map_or(1, csv::Position::line);
-            rows.push((line, record));
-        }
-        Ok(Self {
+        let table = Self {
             name: name.to_owned(),
             asked: RefCell::new(vec![false; columns.len()]),
             columns,
-            rows,
-        })
+            rows: Vec::new(),
+        };
+        Ok((table, reader))
+    }
+
+    /// Visits the rows of a table that is too long to be kept, and counts them.
+    pub(crate) fn each_row(
+        &self,
+        mut reader: csv::Reader<&[u8]>,
+        mut visit: impl FnMut(Row<'_>) -> Result<()>,
+    ) -> Result<usize> {
+        let mut record = csv::StringRecord::new();
+        let mut count = 0;
+        while reader
+            .read_record(&mut record)
+            .map_err(|failure| broken(&self.name, &failure))?
+        {
+            visit(Row {
+                table: self,
+                line: line(&record),
+                fields: &record,
+            })?;
+            count += 1;
+        }
+        Ok(count)
     }
 
     /// Index of a column that must be there.
@@ -106,6 +124,11 @@ impl CsvTable {
 
     /// Says which columns were read, and which were not.
     pub(crate) fn report(&self, report: &mut ImportReport) {
+        self.report_rows(self.rows.len(), report);
+    }
+
+    /// The same of a table whose so many rows were visited.
+    pub(crate) fn report_rows(&self, rows: usize, report: &mut ImportReport) {
         let asked = self.asked.borrow();
         let names = |wanted: bool| {
             let columns = self.columns.iter().zip(asked.iter());
@@ -114,12 +137,7 @@ impl CsvTable {
             names.join(", ")
         };
         let file = file_name(&self.name);
-        report.count(
-            NoteKind::Read,
-            &file,
-            format!("rows of {}", names(true)),
-            self.rows.len(),
-        );
+        report.count(NoteKind::Read, &file, format!("rows of {}", names(true)), rows);
         let unused = names(false);
         if !unused.is_empty() {
             report.say(NoteKind::Unused, &file, format!("columns {unused}"));
@@ -133,6 +151,22 @@ impl CsvTable {
             fields,
         })
     }
+}
+
+/// The line that a record begins on.
+fn line(record: &csv::StringRecord) -> u64 {
+    record.position().map_or(1, csv::Position::line)
+}
+
+/// A row that is none.
+fn broken(name: &str, failure: &csv::Error) -> Error {
+    let line = failure.position().map_or(1, csv::Position::line);
+    let found = match failure.kind() {
+        csv::ErrorKind::UnequalLengths { len, .. } => format!("{len} columns"),
+        _ => failure.to_string(),
+    };
+    let expected = "as many columns as the first line has";
+    Error::input(format!("{name}:{line}"), found, expected)
 }
 
 impl<'t> Row<'t> {

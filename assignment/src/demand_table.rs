@@ -4,6 +4,7 @@ use crate::csv_table::{CsvTable, file_name, id};
 use crate::demand::Trip;
 use crate::network::Network;
 use crate::report::{ImportReport, NoteKind};
+use csv::Reader;
 use kit::error::{Error, Result};
 use kit::files::Text;
 
@@ -118,10 +119,10 @@ impl<'a> Zones<'a> {
 /// [`Error::Input`] naming file, line and column for columns that are none of a demand, or a volume that is negative or no
 /// number.
 pub(crate) fn read_csv(text: &Text, zones: &mut Zones<'_>, report: &mut ImportReport) -> Result<Vec<Trip>> {
-    let table = CsvTable::parse(text)?;
+    let (table, reader) = CsvTable::head(text)?;
     let long = table.any_column(&ORIGINS).zip(table.any_column(&DESTINATIONS));
     let trips = match long {
-        Some((origin, destination)) => read_long(&table, [origin, destination], zones, report)?,
+        Some((origin, destination)) => read_long(&table, reader, [origin, destination], zones, report)?,
         None => {
             let columns = table.columns();
             let is_matrix = columns.len() > 1 && columns[1..].iter().all(|name| zones.knows(id(name)));
@@ -130,7 +131,7 @@ pub(crate) fn read_csv(text: &Text, zones: &mut Zones<'_>, report: &mut ImportRe
                 table.column(ORIGINS[0])?;
                 table.column(DESTINATIONS[0])?;
             }
-            read_wide(&table, zones, report)?
+            read_wide(&table, reader, zones, report)?
         }
     };
     Ok(trips)
@@ -138,6 +139,7 @@ pub(crate) fn read_csv(text: &Text, zones: &mut Zones<'_>, report: &mut ImportRe
 
 fn read_long(
     table: &CsvTable,
+    reader: Reader<&[u8]>,
     [origin, destination]: [usize; 2],
     zones: &mut Zones<'_>,
     report: &mut ImportReport,
@@ -152,7 +154,7 @@ fn read_long(
     };
     let mut trips = Vec::new();
     let mut empty = 0;
-    for row in table.rows() {
+    let rows = table.each_row(reader, |row| {
         let value = row.optional_amount(Some(volume))?;
         empty += usize::from(value.is_none());
         let value = value.unwrap_or(0.0);
@@ -167,8 +169,9 @@ fn read_long(
                 volume: value,
             });
         }
-    }
-    table.report(report);
+        Ok(())
+    })?;
+    table.report_rows(rows, report);
     if empty > 0 {
         let place = format!("{}: {}", file_name(table.name()), table.columns()[volume]);
         report.count(NoteKind::Default, place, "0 where the field is empty", empty);
@@ -176,20 +179,25 @@ fn read_long(
     Ok(trips)
 }
 
-fn read_wide(table: &CsvTable, zones: &mut Zones<'_>, report: &mut ImportReport) -> Result<Vec<Trip>> {
+fn read_wide(
+    table: &CsvTable,
+    reader: Reader<&[u8]>,
+    zones: &mut Zones<'_>,
+    report: &mut ImportReport,
+) -> Result<Vec<Trip>> {
     let file = file_name(table.name()).into_owned();
     let columns: Vec<Option<u32>> = table.columns()[1..]
         .iter()
         .map(|name| zones.number(id(name), 0.0, || format!("{file}:1")))
         .collect();
     let mut trips = Vec::new();
-    for row in table.rows() {
+    let rows = table.each_row(reader, |row| {
         let volumes = (1..=columns.len()).map(|column| row.optional_amount(Some(column)));
         let volumes: Vec<f64> = volumes
             .map(|volume| volume.map(Option::unwrap_or_default))
             .collect::<Result<_>>()?;
         let Some(origin) = zones.number(row.id(Some(0)), volumes.iter().sum(), || row.place()) else {
-            continue;
+            return Ok(());
         };
         for (&volume, destination) in volumes.iter().zip(&columns) {
             if let (Some(destination), true) = (*destination, volume > 0.0) {
@@ -200,12 +208,9 @@ fn read_wide(table: &CsvTable, zones: &mut Zones<'_>, report: &mut ImportReport)
                 });
             }
         }
-    }
-    let text = format!(
-        "a matrix of {} origins and {} destinations",
-        table.rows().count(),
-        columns.len()
-    );
+        Ok(())
+    })?;
+    let text = format!("a matrix of {} origins and {} destinations", rows, columns.len());
     report.say(NoteKind::Read, file, text);
     Ok(trips)
 }

@@ -34,7 +34,8 @@ const DIRECTIONS: [(&str, &str); 4] = [
     ("volume_ab", "volume_ba"),
 ];
 
-/// Reads the flow of every link; `road_names` are what files call the roads, empty where they have no names.
+/// Reads the flow of every link, or of every road where that is enough to judge them; `road_names` are what files call the
+/// roads, empty where they have no names.
 ///
 /// # Errors
 /// [`Error::Input`] naming file and line for a table of another kind, a volume that is negative or no number, a link that the
@@ -190,16 +191,23 @@ impl<'n> Flows<'n> {
 
     fn finish(self, name: &str) -> Result<Vec<f64>> {
         let missing = self.volumes.iter().position(Option::is_none);
+        let roads = self.network.roads().len();
+        if missing == Some(roads)
+            && self.volumes[roads..].iter().all(Option::is_none)
+            && check::is_enough(self.network, roads)
+        {
+            return Ok(self.volumes.into_iter().flatten().collect());
+        }
         let Some(missing) = missing else {
             return Ok(self.volumes.into_iter().flatten().collect());
         };
         let all = self.volumes.iter().filter(|volume| volume.is_none()).count();
         let link = &self.network.links()[missing];
         let [from, to] = [link.init_node, link.term_node].map(|node| self.network.node_name(node));
-        let expected = if missing < self.network.roads().len() {
+        let expected = if missing < roads {
             "a row for every link"
         } else {
-            "a row for every link, connectors and turns included: other programs' flows of roads leave these open"
+            "a row for every link, connectors and turns included, where turns cost time"
         };
         let found = format!("no flow of {all} links, the first from {from} to {to}");
         Err(Error::input(name, found, expected))

@@ -536,3 +536,42 @@ fn demand_and_skims_go_through_open_matrix() {
         "{failure}"
     );
 }
+
+#[test]
+fn flows_of_roads_alone_are_judged_where_all_else_is_free() {
+    use assignment::check::evaluate;
+    use assignment::{Objective, Text, flow_table};
+    for read in [
+        folder("gmns_zone_many"),
+        read("sumo_turn/net.xml", "sumo_turn/flow.xml"),
+    ] {
+        let solution = solve(&read);
+        let roads = read.network.roads().iter().zip(&solution.link_flows);
+        let rows = roads.map(|(road, flow)| {
+            let [from, to] = [road.init_node, road.term_node].map(|node| read.network.node_name(node));
+            format!("{from},{to},{flow}\n")
+        });
+        let text = Text::new(
+            "flows",
+            &format!("from_node_id,to_node_id,volume\n{}", rows.collect::<String>()),
+        );
+        let flows = flow_table::read(&text, &read.network, &read.roads.names).unwrap();
+        assert_eq!(flows.len(), read.network.roads().len());
+        let whole = evaluate(
+            &read.network,
+            &read.demand,
+            Objective::UserEquilibrium,
+            &solution.link_flows,
+        )
+        .unwrap();
+        let alone = evaluate(&read.network, &read.demand, Objective::UserEquilibrium, &flows).unwrap();
+        assert_eq!(
+            (alone.relative_gap, alone.objective),
+            (whole.relative_gap, whole.objective)
+        );
+        assert!(whole.conserves_demand && alone.conserves_demand);
+        let twice: Vec<f64> = flows.iter().map(|flow| 2.0 * flow).collect();
+        let twice = evaluate(&read.network, &read.demand, Objective::UserEquilibrium, &twice).unwrap();
+        assert!(!twice.conserves_demand);
+    }
+}

@@ -188,16 +188,17 @@ impl Assignment {
         }
     }
 
-    /// The readers' report with what flows say: how full the roads are.
+    /// The readers' report with what flows say: how full the roads are. Flows that are no equilibrium yet may fill some beyond
+    /// any sense; they raise no warning.
     ///
     /// # Errors
     /// With [`strict`](Self::strict), if that is too full to be true.
-    pub fn report_with(&self, link_flows: &[f64]) -> Result<ImportReport> {
+    pub fn report_with(&self, link_flows: &[f64], settled: bool) -> Result<ImportReport> {
         let mut report = self.report.clone();
         let state = TrafficState::of(&self.network, &self.demand, link_flows);
         let (mean, most) = (state.mean_volume_over_capacity, state.max_volume_over_capacity);
         let text = format!("{} to {}, mean {}", 0, report::short(most), report::short(mean));
-        if most > FULLEST {
+        if settled && most > FULLEST {
             let text = format!("{text}: are demand and capacity of the same time? below {FULLEST} is usual");
             report.say(NoteKind::Warning, VOLUME_OVER_CAPACITY, text);
         } else {

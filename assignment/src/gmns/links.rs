@@ -18,7 +18,7 @@ use std::collections::HashMap;
 /// Median speeds outside of these are no cars' (chosen).
 const USUAL_KM_PER_H: std::ops::RangeInclusive<f64> = 5.0..=200.0;
 
-/// Median capacities an hour and lane outside of these are no lanes' (chosen: connectors may have any).
+/// Median capacities an hour and lane outside of these are no lanes' (chosen).
 const USUAL_LANE_CAPACITY: std::ops::RangeInclusive<f64> = 50.0..=10_000.0;
 
 /// The links of a folder, both directions of undirected ones.
@@ -188,9 +188,10 @@ impl Links {
             .iter()
             .filter(|road| road.length > 0.0 && road.free_flow_time > 0.0);
         let speeds = moving.map(|road| scale.km_per_h(road.length, road.free_flow_time));
-        let lanes = self.roads.iter().zip(&self.lanes);
-        let capacities = lanes.filter(|(_, lanes)| **lanes > 0.0);
-        let capacities = capacities.map(|(road, lanes)| road.capacity / lanes);
+        // Connectors may have any capacity: nothing fills them.
+        let filling = self.roads.iter().zip(&self.lanes);
+        let filling = filling.filter(|(road, _)| road.b > 0.0 && road.free_flow_time > 0.0);
+        let capacities = filling.map(|(road, lanes)| road.capacity / lanes);
         report.range(
             format!("{file}: free-flow speed in km/h"),
             speeds.collect(),

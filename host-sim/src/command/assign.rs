@@ -202,7 +202,7 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     if let Some(progress) = progress {
         progress.finish();
     }
-    let report = assignment.report_with(&solution.link_flows)?;
+    let report = assignment.report_with(&solution.link_flows, solution.converged)?;
     outputs::write(arguments, assignment, &selection, &solution, &report)?;
     let seconds_total = start.elapsed().as_secs_f64();
     import::print_report(&report, arguments.json);
@@ -250,7 +250,7 @@ fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, star
             network.node_name(evaluation.worst_node)
         );
     }
-    let report = assignment.report_with(&link_flows)?;
+    let report = assignment.report_with(&link_flows, true)?;
     import::print_report(&report, arguments.json);
     if arguments.json {
         let mut object = timed(evaluation_json(options.gap, &evaluation), seconds, seconds_total);
