@@ -5,6 +5,7 @@
 
 use clap::Parser as _;
 use host_sim::command::assign::{AssignArguments, run};
+use host_sim::report::table::{Column, Table};
 use std::path::{Path, PathBuf};
 
 fn fixture(name: &str) -> PathBuf {
@@ -205,6 +206,14 @@ fn flows_of_other_programs_are_judged() {
         std::fs::write(path(name), text).unwrap();
         assign_command(&["--check", &path(name)]).unwrap();
     }
+    let columns = vec![
+        Column::unsigned("link_id", (0..rows.len()).map(|index| index as u64 + 1)),
+        Column::number("PCE_AB", rows.iter().map(|row| row[2].parse::<f64>().unwrap())),
+        Column::number("PCE_BA", rows.iter().map(|_| 0.0)),
+    ];
+    let bytes = Table::new(columns).unwrap().to_parquet().unwrap();
+    std::fs::write(path("aequilibrae.parquet"), bytes).unwrap();
+    assign_command(&["--check", &path("aequilibrae.parquet")]).unwrap();
     std::fs::write(path("short.csv"), "link_id,volume\n1,3\n").unwrap();
     let failure = assign_command(&["--check", &path("short.csv")])
         .unwrap_err()

@@ -5,7 +5,9 @@ use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
 use assignment::{Network, flow_table, text};
 use kit::error::{Error, Result};
+use kit::files::Text;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::record::reader::RowIter;
 use parquet::record::{Field, Row};
 use std::fs::File;
 use std::path::Path;
@@ -67,10 +69,39 @@ pub(super) fn read(path: &Path, network: &Network, road_names: &[String]) -> Res
     let file = File::open(path).map_err(|source| Error::file(path, source))?;
     let broken = |failure: parquet::errors::ParquetError| Error::input(&place, failure, "a Parquet file");
     let reader = SerializedFileReader::new(file).map_err(broken)?;
+    let rows = reader.get_row_iter(None).map_err(broken)?;
+    let names = reader.metadata().file_metadata().schema().get_fields();
+    let has = |name: &str| names.iter().any(|field| field.name() == name);
+    if !columns().into_iter().all(has) {
+        let text = as_csv(&place, rows).map_err(broken)?;
+        return flow_table::read(&text, network, road_names);
+    }
     // Counted like the lines of a CSV, which has a header.
-    let rows = reader.get_row_iter(None).map_err(broken)?.zip(2..);
+    let rows = rows.zip(2..);
     let rows = rows.map(|(row, line)| flow_row(format!("{place}:{line}"), &row.map_err(broken)?));
     check::volumes(&place, rows, network)
+}
+
+/// A table of another program as the CSV that it could be.
+fn as_csv(name: &str, rows: RowIter<'_>) -> std::result::Result<Text, parquet::errors::ParquetError> {
+    let mut text = String::new();
+    for row in rows {
+        let row = row?;
+        if text.is_empty() {
+            let names: Vec<&str> = row.get_column_iter().map(|(name, _)| name.as_str()).collect();
+            text = names.join(",") + "\n";
+        }
+        let fields = row.get_column_iter().map(|(_, field)| match field {
+            Field::Null => String::new(),
+            Field::Str(text) => text.replace([',', '"', '\n', '\r'], " "),
+            Field::Double(number) => number.to_string(),
+            Field::Float(number) => number.to_string(),
+            other => whole(other).map_or_else(String::new, |number| number.to_string()),
+        });
+        text += &fields.collect::<Vec<_>>().join(",");
+        text.push('\n');
+    }
+    Ok(Text::new(name, &text))
 }
 
 /// A row of a Parquet file, whose columns may come in any order.
