@@ -44,9 +44,6 @@ pub struct AssignArguments {
     /// vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
-    /// What the files do not say.
-    #[command(flatten)]
-    pub import: ImportArguments,
     /// Factor on all trips
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub demand_factor: f64,
@@ -72,8 +69,8 @@ pub struct AssignArguments {
     /// Cost of a unit of length, in units of free-flow time
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub distance_weight: f64,
-    /// Write the link flows to this file, CSV or by its name Parquet (init_node,term_node,volume,cost; one row per link in
-    /// file order)
+    /// Write the link flows to this file, CSV or by its name Parquet (init_node,term_node,volume,cost; one row per link: roads in
+    /// file order, then connectors and turns)
     #[arg(long, value_name = "FILE.csv|FILE.parquet")]
     pub flows: Option<PathBuf>,
     /// Write the path flows to this CSV (origin,destination,volume,cost,links; links by number in file order)
@@ -113,6 +110,9 @@ pub struct AssignArguments {
     /// Print one JSON object instead of a table
     #[arg(long)]
     pub json: bool,
+    /// What the files do not say.
+    #[command(flatten)]
+    pub import: ImportArguments,
 }
 
 impl AssignArguments {
