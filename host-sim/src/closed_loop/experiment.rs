@@ -204,6 +204,8 @@ impl LoopSource {
         };
         let options = ImportOptions {
             weights: self.weights,
+            // Its crossings hold nobody up, and its zones are places where vehicles set out.
+            without_turns: true,
             ..ImportOptions::default()
         };
         let mut import = formats::import(net, self.trips.as_deref(), &options)?;
