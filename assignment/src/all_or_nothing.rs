@@ -2,7 +2,7 @@
 
 use crate::demand::OriginDemand;
 use crate::network::Network;
-use crate::problem::Problem;
+use crate::problem::{OriginBlock, Problem};
 use crate::shortest_path::{SearchOrder, ShortestPathTree};
 use kit::error::{Error, Result};
 
@@ -29,7 +29,7 @@ pub(crate) struct Loader<'a> {
 impl<'a> Loader<'a> {
     pub(crate) fn new(problem: &Problem<'a>) -> Self {
         let nodes = problem.network.numbering().nodes as usize;
-        let block = |origins: &'a [OriginDemand]| Block {
+        let block = |OriginBlock { origins, .. }: OriginBlock<'a>| Block {
             origins,
             orders: vec![SearchOrder::default(); origins.len()],
             branches: vec![0; nodes],
@@ -44,7 +44,7 @@ impl<'a> Loader<'a> {
         }
     }
 
-    /// Puts every trip on its cheapest path: fills `link_flows`, and returns what all trips cost together (SPTT).
+    /// Puts every trip on its cheapest path, beside what the roads carry anyway: fills `link_flows`, and returns what all trips cost together (SPTT).
     pub(crate) fn load(
         &mut self,
         problem: &Problem<'_>,
@@ -52,7 +52,7 @@ impl<'a> Loader<'a> {
         link_flows: &mut [f64],
     ) -> Result<f64> {
         problem.for_each(&mut self.blocks, |block| block.load(problem, link_costs));
-        link_flows.fill(0.0);
+        problem.network.fill_with_preloads(link_flows);
         let mut shortest_path_cost = 0.0;
         for block in &self.blocks {
             if let Some((origin, destination)) = block.unreachable {

@@ -73,22 +73,24 @@ impl Assigner {
             None => (ends().collect(), Start::Nothing),
             Some(last) => (last.ends, Start::End(last.blocks)),
         };
-        let mut ignore = |_: &_| {};
-        let mut progress = Progress::new(&self.options, &mut ignore);
-        let (link_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
+        let mut observe = crate::uninterrupted;
+        let mut progress = Progress::new(&self.options, &mut observe);
+        let (class_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
         self.last = Some(Last {
             numbering: network.numbering(),
             ends: kept_ends,
             blocks,
         });
-        Ok(progress.into_solution(network, link_flows, PathFlows::default()))
+        let link_flows = class_flows.concat();
+        let costs = network.link_costs(&link_flows);
+        Ok(progress.into_solution(costs, link_flows, PathFlows::default()))
     }
 
     /// The paths that the trips take in the last solution; empty before the first.
     pub fn path_flows(&self) -> PathFlows {
         let last = self.last.as_ref();
         last.map_or_else(PathFlows::default, |last| {
-            path_based::path_flows(&self.demand, last.blocks.clone())
+            path_based::path_flows(&self.demand, last.blocks.clone(), 1.0)
         })
     }
 }

@@ -62,14 +62,18 @@ pub fn evaluate(
         let expected = format!("the network's {}", network.numbering().zones);
         return Err(Error::input("zones of the demand", demand.zones(), expected));
     }
-    let (mut beckmann, mut total_travel_time) = (0.0, 0.0);
+    let (mut beckmann, mut everybody, mut total_travel_time) = (0.0, 0.0, 0.0);
     let (mut drivers_total, mut drivers_costs) = (0.0, Vec::with_capacity(links.len()));
     for (index, (link, &flow)) in links.iter().zip(link_flows).enumerate() {
         crate::link::check_not_negative(&format!("link {}: volume", index + 1), flow)?;
-        let (free, delay) = bpr_terms(network, link, flow);
+        // With what the road carries anyway, and that alone.
+        let preload = network.preload(index);
+        let (free, delay) = bpr_terms(network, link, preload + flow);
+        let (_, delay_before) = bpr_terms(network, link, preload);
         let power = if delay == 0.0 { 0.0 } else { link.power };
         total_travel_time += flow * (free + delay);
-        beckmann += flow * (free + delay / (power + 1.0));
+        everybody += (preload + flow) * (free + delay) - preload * (free + delay_before);
+        beckmann += flow * free + ((preload + flow) * delay - preload * delay_before) / (power + 1.0);
         let cost = match objective {
             Objective::UserEquilibrium => free + delay,
             Objective::SystemOptimum => free + (power + 1.0) * delay,
@@ -87,7 +91,7 @@ pub fn evaluate(
         relative_gap: problem::relative_gap(drivers_total, cheapest_total),
         objective: match objective {
             Objective::UserEquilibrium => beckmann,
-            Objective::SystemOptimum => total_travel_time,
+            Objective::SystemOptimum => everybody,
         },
         total_travel_time,
         largest_imbalance,

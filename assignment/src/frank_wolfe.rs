@@ -31,14 +31,16 @@ pub(crate) fn solve(
     let mut direction = vec![0.0; links];
     let mut history = History::new(algorithm);
 
+    problem.network.fill_with_preloads(&mut link_flows);
     problem.update_costs(&link_flows, &mut link_costs);
     loader.load(problem, &link_costs, &mut link_flows)?;
     loop {
         problem.update_costs(&link_flows, &mut link_costs);
         let shortest_path_cost = loader.load(problem, &link_costs, &mut all_or_nothing)?;
-        let gap = relative_gap(dot(&link_flows, &link_costs), shortest_path_cost);
+        let demanded = problem.network.without_preloads(&link_flows);
+        let gap = relative_gap(dot(&demanded, &link_costs), shortest_path_cost);
         if progress.record(gap, problem.objective(&link_flows)) {
-            return Ok(link_flows);
+            return Ok(demanded.into_owned());
         }
         let mut target = history.target(problem, &link_flows, &all_or_nothing);
         head_for(&mut direction, &link_flows, &target);
@@ -47,7 +49,7 @@ pub(crate) fn solve(
             target.copy_from_slice(&all_or_nothing);
             head_for(&mut direction, &link_flows, &target);
         }
-        let step = exact_step(&problem.delays, &link_flows, &direction, 1.0);
+        let step = exact_step(&problem.delays, &link_flows, &direction, (0.0, 1.0));
         for (flow, change) in link_flows.iter_mut().zip(&direction) {
             *flow += step * change;
         }

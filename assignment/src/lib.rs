@@ -40,6 +40,7 @@
 mod all_or_nothing;
 mod assigner;
 pub mod check;
+pub mod classes;
 pub mod convergence;
 pub mod coordinates;
 mod csv_rows;
@@ -96,6 +97,7 @@ pub mod volume_delay;
 mod xml;
 
 pub use assigner::Assigner;
+pub use classes::{ClassFlows, ClassSolution, VehicleClass, assign_classes};
 pub use demand::{Demand, Trip};
 pub use kit::error::{Error, Result};
 pub use kit::files::Text;
@@ -106,6 +108,7 @@ pub use volume_delay::VolumeDelay;
 
 use kit::choice::Choice;
 use problem::Problem;
+use std::ops::ControlFlow;
 
 /// How the flows are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -224,6 +227,19 @@ pub enum Stop {
     Iterations,
     /// Neither gap nor objective improve any more: double precision, or the method, gives no more.
     Stagnation,
+    /// Whoever [observed](Observe) the solve had no more time for it.
+    Time,
+    /// Whoever [observed](Observe) the solve was told to end it.
+    Interrupted,
+}
+
+/// Hears of every iteration as it ends, and may end the solve there: its flows are then those of that iteration, which has the
+/// least objective so far.
+pub type Observe<'o> = dyn FnMut(&IterationRecord) -> ControlFlow<Stop> + 'o;
+
+/// An observer that lets every solve come to its own end.
+pub fn uninterrupted(_: &IterationRecord) -> ControlFlow<Stop> {
+    ControlFlow::Continue(())
 }
 
 /// The state after one iteration; record 0 is the initial loading.
@@ -242,7 +258,7 @@ pub struct IterationRecord {
 /// Flows and how good they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// Vehicles per unit of time on each link, in file order.
+    /// Vehicles per unit of time on each link, in file order, without [those that are there anyway](Network::with_preloads).
     pub link_flows: Vec<f64>,
     /// Generalised travel cost that a vehicle meets on each link (not the marginal cost, whatever the objective).
     pub link_costs: Vec<f64>,
@@ -272,7 +288,7 @@ pub struct Solution {
 /// [`Error::Input`] for a gap that is negative or not finite, a demand for other zones than the network's, an origin
 /// and destination with demand but no path, or costs that overflow when the whole demand takes one link.
 pub fn assign(network: &Network, demand: &Demand, options: &Options) -> Result<Solution> {
-    assign_observed(network, demand, options, &mut |_| {})
+    assign_observed(network, demand, options, &mut uninterrupted)
 }
 
 /// [`assign`], calling `observe` with the record of every iteration as it ends, the initial loading first.
@@ -283,7 +299,7 @@ pub fn assign_observed(
     network: &Network,
     demand: &Demand,
     options: &Options,
-    observe: &mut dyn FnMut(&IterationRecord),
+    observe: &mut Observe<'_>,
 ) -> Result<Solution> {
     solve(network, demand, options, path_based::Start::Nothing, observe)
 }
@@ -299,7 +315,7 @@ pub fn assign_from(
     demand: &Demand,
     options: &Options,
     start: &PathFlows,
-    observe: &mut dyn FnMut(&IterationRecord),
+    observe: &mut Observe<'_>,
 ) -> Result<Solution> {
     if options.algorithm != Algorithm::PathBased {
         let expected = "the path-based one: the others know link flows only, which fit no other demand";
@@ -310,7 +326,13 @@ pub fn assign_from(
         ));
     }
     start.check(network)?;
-    solve(network, demand, options, path_based::Start::Paths(start), observe)
+    solve(
+        network,
+        demand,
+        options,
+        path_based::Start::Paths(&[start]),
+        observe,
+    )
 }
 
 fn solve(
@@ -318,7 +340,7 @@ fn solve(
     demand: &Demand,
     options: &Options,
     start: path_based::Start<'_>,
-    observe: &mut dyn FnMut(&IterationRecord),
+    observe: &mut Observe<'_>,
 ) -> Result<Solution> {
     options.check()?;
     let problem = Problem::new(network, demand, options)?;
@@ -329,9 +351,10 @@ fn solve(
             PathFlows::default(),
         ),
         Algorithm::PathBased => {
-            let (link_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
-            (link_flows, path_based::path_flows(demand, blocks))
+            let (class_flows, blocks) = path_based::solve(&problem, start, &mut progress)?;
+            (class_flows.concat(), path_based::path_flows(demand, blocks, 1.0))
         }
     };
-    Ok(progress.into_solution(network, link_flows, path_flows))
+    let link_costs = network.link_costs(&link_flows);
+    Ok(progress.into_solution(link_costs, link_flows, path_flows))
 }

@@ -11,15 +11,15 @@ const EVALUATION_LIMIT: usize = 60;
 /// The step from 0 to `largest_step` along `direction` at which the sum of the integrals of `delays` is least: the root of
 /// its derivative, which never falls, by Newton's method within a bracket.
 ///
-/// 0 if the objective rises from the start. Flows that rounding would take below 0 count as 0.
+/// A step of 1 costs `linear` beside. 0 if the objective rises from the start. Flows that rounding would take below 0 count as 0.
 pub(crate) fn exact_step(
     delays: &[VolumeDelay],
     link_flows: &[f64],
     direction: &[f64],
-    largest_step: f64,
+    (linear, largest_step): (f64, f64),
 ) -> f64 {
     let slope = |step: f64| {
-        let (mut first, mut second) = (0.0, 0.0);
+        let (mut first, mut second) = (linear, 0.0);
         for ((delay, &flow), &change) in delays.iter().zip(link_flows).zip(direction) {
             if change != 0.0 {
                 let (cost, derivative) = delay.cost_and_derivative((flow + step * change).max(0.0));

@@ -27,6 +27,8 @@ pub struct Network {
     /// So many of the first links are roads; behind them come connectors and turns.
     roads: usize,
     volume_delays: Vec<VolumeDelay>,
+    /// Vehicles that use each link whatever happens; empty where there are none.
+    preloads: Vec<f64>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
     init_nodes: Vec<u32>,
     /// Index from 0 of the node that each link enters.
@@ -76,6 +78,7 @@ impl Network {
             roads: links.len(),
             links,
             volume_delays,
+            preloads: Vec::new(),
         })
     }
 
@@ -110,6 +113,47 @@ impl Network {
             network.volume_delays[index] = link.volume_delay(self.weights, &place)?;
         }
         Ok(network)
+    }
+
+    /// The same roads with vehicles on them that no demand accounts for, such as buses and through traffic: so many passenger
+    /// cars per link in file order. They slow others down, and take no decision.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of preloads than of links, or one that is negative or not finite.
+    pub fn with_preloads(mut self, preloads: Vec<f64>) -> Result<Self> {
+        if preloads.len() != self.links.len() {
+            let expected = format!("{}, one per link", self.links.len());
+            return Err(Error::input("preloads", preloads.len(), expected));
+        }
+        for (index, &preload) in preloads.iter().enumerate() {
+            check_not_negative(&format!("link {}: preload", index + 1), preload)?;
+        }
+        self.preloads = preloads;
+        Ok(self)
+    }
+
+    /// Vehicles that use a link, given by index from 0, whatever happens.
+    #[inline]
+    pub fn preload(&self, link: usize) -> f64 {
+        self.preloads.get(link).copied().unwrap_or(0.0)
+    }
+
+    /// Flows of the roads without any demand.
+    pub(crate) fn fill_with_preloads(&self, link_flows: &mut [f64]) {
+        if self.preloads.is_empty() {
+            link_flows.fill(0.0);
+        } else {
+            link_flows.copy_from_slice(&self.preloads);
+        }
+    }
+
+    /// Of the flows of all vehicles, those of the demand.
+    pub(crate) fn without_preloads<'f>(&self, link_flows: &'f [f64]) -> Cow<'f, [f64]> {
+        if self.preloads.is_empty() {
+            return Cow::Borrowed(link_flows);
+        }
+        let flows = link_flows.iter().zip(&self.preloads);
+        flows.map(|(flow, preload)| (flow - preload).max(0.0)).collect()
     }
 
     /// The same network, with the names that files shall call its nodes and zones by.
@@ -187,13 +231,24 @@ impl Network {
         &self.volume_delays
     }
 
-    /// Generalised travel cost of every link at the given flows.
+    /// Generalised travel cost of every link at the given flows, beside the [preloads](Self::with_preloads).
     pub fn link_costs(&self, link_flows: &[f64]) -> Vec<f64> {
-        let flows = link_flows.iter();
-        self.volume_delays
-            .iter()
-            .zip(flows)
-            .map(|(delay, &flow)| delay.cost(flow))
+        self.costs(&self.volume_delays, link_flows)
+    }
+
+    /// The links' volume-delay functions without toll and distance.
+    pub(crate) fn times(&self) -> Result<Vec<VolumeDelay>> {
+        let links = (1..).zip(&self.links);
+        links
+            .map(|(number, link)| link.volume_delay(CostWeights::default(), &format!("link {number}")))
+            .collect()
+    }
+
+    /// What the given delays come to at the given flows, beside the preloads.
+    pub(crate) fn costs(&self, delays: &[VolumeDelay], link_flows: &[f64]) -> Vec<f64> {
+        let links = delays.iter().zip(link_flows).enumerate();
+        links
+            .map(|(link, (delay, &flow))| delay.cost(self.preload(link) + flow))
             .collect()
     }
 

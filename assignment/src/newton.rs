@@ -30,6 +30,8 @@ const LEAVING: u32 = 1 << 31;
 struct Variable {
     pair: u32,
     path: u32,
+    /// By how much it costs more than its pair's largest path, beside the links.
+    surcharge: f64,
     /// Where its links end in the list of all.
     end: u32,
 }
@@ -96,6 +98,7 @@ impl System {
                     system.variables.push(Variable {
                         pair: pair_index as u32,
                         path: path_index as u32,
+                        surcharge: path.surcharge - pair.paths[largest].surcharge,
                         end: system.links.len() as u32,
                     });
                 } else {
@@ -138,7 +141,9 @@ impl System {
         let size = self.variables.len();
         let mut residual = vec![0.0; size];
         self.gather(&state.costs, &mut residual);
-        residual.iter_mut().for_each(|value| *value = -*value);
+        for (value, variable) in residual.iter_mut().zip(&self.variables) {
+            *value = -(*value + variable.surcharge);
+        }
         let scale: Vec<f64> = self
             .rows()
             .map(|row| {
@@ -206,7 +211,11 @@ impl System {
         }
         let mut direction = vec![0.0; state.flows.len()];
         self.scatter(&changes, &mut direction);
-        let step = exact_step(&state.problem.delays, &state.flows, &direction, longest);
+        let surcharges = self.variables.iter().zip(&changes);
+        let linear = surcharges
+            .map(|(variable, change)| variable.surcharge * change)
+            .sum();
+        let step = exact_step(&state.problem.delays, &state.flows, &direction, (linear, longest));
         if step.is_nan() || step <= 0.0 {
             return false;
         }

@@ -25,6 +25,8 @@ pub(crate) struct Path {
     pub(crate) flow: f64,
     /// Flow before the sweep that is extrapolated.
     pub(crate) flow_before: f64,
+    /// What its own links cost its class beyond what they cost everybody.
+    pub(crate) surcharge: f64,
     /// Where it ends in the origin's tree.
     end: u32,
     /// Where its part that not all paths of the pair share ends.
@@ -163,17 +165,22 @@ impl Workshop {
 }
 
 impl OriginPaths {
-    /// The paths in the `workshop`, which lie in `tree`, for pairs with these `demands`.
-    pub(crate) fn new(tree: PathTree, workshop: &mut Workshop, demands: impl Iterator<Item = f64>) -> Self {
+    /// The paths in the `workshop`, which lie in `tree`, for pairs with these `demands` of a class with these `surcharges`.
+    pub(crate) fn new(
+        tree: PathTree,
+        workshop: &mut Workshop,
+        demands: impl Iterator<Item = f64>,
+        surcharges: &[f64],
+    ) -> Self {
         let mut made = Self {
             tree,
             ..Self::default()
         };
-        made.take_from(workshop, demands);
+        made.take_from(workshop, demands, surcharges);
         made
     }
 
-    fn take_from(&mut self, workshop: &mut Workshop, demands: impl Iterator<Item = f64>) {
+    fn take_from(&mut self, workshop: &mut Workshop, demands: impl Iterator<Item = f64>, surcharges: &[f64]) {
         self.tree.prune(&mut workshop.ends, &mut workshop.moved);
         let counts = || {
             let ends = workshop.pair_ends.iter();
@@ -209,9 +216,15 @@ impl OriginPaths {
             for (&end, &flow) in ends.iter().zip(&workshop.flows[range]) {
                 let mut way = self.tree.way(end, fork);
                 way.by_ref().take(shared).for_each(drop);
+                let surcharge = if surcharges.is_empty() {
+                    0.0
+                } else {
+                    way.clone().map(|link| surcharges[link as usize]).sum()
+                };
                 self.paths.push(Path {
                     flow,
                     flow_before: flow,
+                    surcharge,
                     end,
                     own_end: way.position(),
                 });
@@ -239,6 +252,7 @@ impl OriginPaths {
         network: &Network,
         cheapest: &ShortestPathTree,
         link_costs: &[f64],
+        surcharges: &[f64],
         (origin, destinations): (u32, &[(u32, f64)]),
     ) -> f64 {
         workshop.begin(origin);
@@ -271,7 +285,11 @@ impl OriginPaths {
             workshop.end_pair();
         }
         if changed {
-            self.take_from(workshop, destinations.iter().map(|&(_, volume)| volume));
+            self.take_from(
+                workshop,
+                destinations.iter().map(|&(_, volume)| volume),
+                surcharges,
+            );
         }
         shortest_path_cost
     }

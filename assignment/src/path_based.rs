@@ -14,7 +14,7 @@ use crate::origin_paths::{OriginPaths, Pair, Workshop};
 use crate::path_flows::{FlowInTree, OriginFlows, PathFlows};
 use crate::path_shift::{LinkState, Shift};
 use crate::path_tree::PathTree;
-use crate::problem::{Problem, Progress, dot, relative_gap};
+use crate::problem::{OriginBlock, Problem, Progress, dot, relative_gap};
 use crate::shortest_path::{SearchOrder, ShortestPathTree};
 use kit::error::Result;
 use std::ops::Range;
@@ -22,6 +22,13 @@ use std::ops::Range;
 /// Most sweeps over all pairs between two searches for new paths (chosen with the three that follow: of the settings
 /// tried they take the least time to gaps from 1e-4 to 1e-12).
 const SWEEPS_PER_ITERATION: usize = 20;
+
+/// Below [`SMALL_GAP`] there are so many sweeps at least: the first ones only even out what a few new paths would gain, and
+/// that all others gain little then looks like an end (chosen: with 3, the gap of Winnipeg creeps from 1e-9 on).
+const FEWEST_SWEEPS: usize = 5;
+
+/// See [`FEWEST_SWEEPS`] (chosen: larger gaps are reached in the same number of iterations without).
+const SMALL_GAP: f64 = 1e-6;
 
 /// Sweeps end when the largest excess cost has fallen to this share of the first sweep's.
 const SWEEP_REDUCTION: f64 = 0.01;
@@ -53,23 +60,23 @@ const SMALLEST_EXTRAPOLATED_CHANGE: f64 = 1e-8;
 pub(crate) enum Start<'s> {
     /// At cheapest paths.
     Nothing,
-    /// At known paths, of whatever origin.
-    Paths(&'s PathFlows),
+    /// At known paths, of each class.
+    Paths(&'s [&'s PathFlows]),
     /// Where the last solve ended, for the same demand on the same links.
     End(Vec<Block>),
 }
 
-/// Link flows of the last record of `progress`, and the paths that make them up.
+/// Link flows by class at the last record of `progress`, and the paths that make them up.
 pub(crate) fn solve(
     problem: &Problem<'_>,
     start: Start<'_>,
     progress: &mut Progress<'_>,
-) -> Result<(Vec<f64>, Vec<Block>)> {
+) -> Result<(Vec<Vec<f64>>, Vec<Block>)> {
     let mut state = LinkState::new(problem);
     let is_warm = !matches!(start, Start::Nothing);
     let mut blocks = match start {
-        Start::Nothing => initial_loading(problem, None, &mut state)?,
-        Start::Paths(start) => initial_loading(problem, Some(start), &mut state)?,
+        Start::Nothing => initial_loading(problem, &[], &mut state)?,
+        Start::Paths(start) => initial_loading(problem, start, &mut state)?,
         Start::End(mut blocks) => {
             sum_paths(&mut blocks, &mut state);
             blocks
@@ -78,53 +85,83 @@ pub(crate) fn solve(
     if is_warm {
         // First the paths that are known find their balance: at costs without it, a search would bring many for nothing.
         state.update();
-        equilibrate(&mut blocks, &mut state, false);
+        equilibrate(&mut blocks, &mut state, 1, false);
     }
     let mut creeps = false;
     loop {
-        sum_paths(&mut blocks, &mut state);
+        let class_flows = sum_paths(&mut blocks, &mut state);
+        let classes = 0..problem.classes.len();
+        let class_costs: Vec<_> = classes
+            .map(|class| problem.class_costs(class, &state.costs))
+            .collect();
         problem.for_each(&mut blocks, |block| {
-            block.find_cheaper_paths(problem, &state.costs);
+            block.find_cheaper_paths(problem, &class_costs[block.class]);
         });
         let shortest_path_cost = blocks.iter().map(|block| block.shortest_path_cost).sum();
-        let gap = relative_gap(dot(&state.flows, &state.costs), shortest_path_cost);
-        if progress.record(gap, problem.objective(&state.flows)) {
-            return Ok((state.flows, blocks));
+        let surcharges = problem.surcharges(&class_flows);
+        let times: f64 = class_flows.iter().map(|flows| dot(flows, &state.costs)).sum();
+        let gap = relative_gap(times + surcharges, shortest_path_cost);
+        if progress.record(gap, problem.objective(&state.flows) + surcharges) {
+            return Ok((class_flows, blocks));
         }
-        creeps = equilibrate(&mut blocks, &mut state, creeps && gap > ROUNDING_GAP);
+        let fewest_sweeps = if gap < SMALL_GAP { FEWEST_SWEEPS } else { 1 };
+        creeps = equilibrate(
+            &mut blocks,
+            &mut state,
+            fewest_sweeps,
+            creeps && gap > ROUNDING_GAP,
+        );
     }
 }
 
-/// The paths that carry anything, as a result.
-pub(crate) fn path_flows(demand: &Demand, blocks: Vec<Block>) -> PathFlows {
+/// The paths of a class that carry anything, as a result: `blocks` are its own, and each of its vehicles counts as so many
+/// passenger cars.
+pub(crate) fn path_flows(
+    demand: &Demand,
+    blocks: impl IntoIterator<Item = Block>,
+    equivalent: f64,
+) -> PathFlows {
     let origins = blocks.into_iter().flat_map(|block| block.paths);
     let flows = origins.zip(demand.origins()).map(|(paths, from)| {
         let volumes = from.destinations.iter().map(|&(_, volume)| volume);
         let used = paths.used(volumes);
-        let flows = used.map(|(pair, end, flow)| FlowInTree::new(from.destinations[pair].0 + 1, end, flow));
+        let flows = used
+            .map(|(pair, end, flow)| FlowInTree::new(from.destinations[pair].0 + 1, end, flow / equivalent));
         let flows = flows.collect();
         OriginFlows::new(from.origin + 1, paths.into_tree(), flows)
     });
     PathFlows::new(flows.collect())
 }
 
-/// Link flows as the sum of path flows, and their costs.
-fn sum_paths(blocks: &mut [Block], state: &mut LinkState<'_>) {
-    state.flows.fill(0.0);
-    let demand = state.problem.demand;
+/// Link flows as the sum of path flows, and their costs. Returns the flows of each class.
+fn sum_paths(blocks: &mut [Block], state: &mut LinkState<'_>) -> Vec<Vec<f64>> {
+    let classes = &state.problem.classes;
+    let mut class_flows = vec![vec![0.0; state.flows.len()]; classes.len()];
     for block in blocks {
-        let origins = &demand.origins()[block.origins.clone()];
+        let origins = &classes[block.class].demand.origins()[block.origins.clone()];
         for (paths, from) in block.paths.iter().zip(origins) {
-            paths.load(&mut block.workshop, &from.destinations, &mut state.flows);
+            paths.load(
+                &mut block.workshop,
+                &from.destinations,
+                &mut class_flows[block.class],
+            );
+        }
+    }
+    state.problem.network.fill_with_preloads(&mut state.flows);
+    for flows in &class_flows {
+        for (total, flow) in state.flows.iter_mut().zip(flows) {
+            *total += flow;
         }
     }
     state.update();
+    class_flows
 }
 
 /// Some origins with the paths of all their pairs, and room to work on them.
 #[derive(Clone)]
 pub(crate) struct Block {
-    /// Indices into the demand's origins.
+    pub(crate) class: usize,
+    /// Indices into the class's origins.
     origins: Range<usize>,
     /// Per origin, its paths and how the last search went.
     paths: Vec<OriginPaths>,
@@ -138,14 +175,20 @@ pub(crate) struct Block {
 /// warm start knows take its paths in its shares.
 fn initial_loading(
     problem: &Problem<'_>,
-    start: Option<&PathFlows>,
+    start: &[&PathFlows],
     state: &mut LinkState<'_>,
 ) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
-    let mut next = 0;
-    for origins in problem.origin_blocks() {
+    problem.network.fill_with_preloads(&mut state.flows);
+    for OriginBlock {
+        class,
+        range,
+        origins,
+    } in problem.origin_blocks()
+    {
         let mut block = Block {
-            origins: next..next + origins.len(),
+            class,
+            origins: range,
             paths: Vec::with_capacity(origins.len()),
             orders: vec![SearchOrder::default(); origins.len()],
             cheapest: ShortestPathTree::new(problem.network),
@@ -153,9 +196,8 @@ fn initial_loading(
             shortest_path_cost: 0.0,
         };
         for (index, from) in origins.iter().enumerate() {
-            block.load(problem, from, index, start, state)?;
+            block.load(problem, from, index, start.get(class).copied(), state)?;
         }
-        next = block.origins.end;
         blocks.push(block);
     }
     Ok(blocks)
@@ -185,11 +227,15 @@ impl Block {
                 if !std::mem::replace(&mut searched, true) {
                     state.update();
                     let order = &mut self.orders[index];
-                    self.cheapest
-                        .search(problem.network, &state.costs, from.origin, order);
+                    let costs = problem.class_costs(self.class, &state.costs);
+                    self.cheapest.search(problem.network, &costs, from.origin, order);
                 }
                 if self.cheapest.cost_to(destination) == f64::INFINITY {
-                    return Err(unreachable_pair(problem.network, from.origin, destination));
+                    let failure = unreachable_pair(problem.network, from.origin, destination);
+                    return Err(match problem.classes[self.class].name {
+                        "" => failure,
+                        name => failure.within(&format!("class {name}")),
+                    });
                 }
                 self.workshop
                     .push_cheapest(&mut tree, problem.network, &self.cheapest, destination, volume);
@@ -197,7 +243,8 @@ impl Block {
             self.workshop.end_pair();
         }
         let demands = from.destinations.iter().map(|&(_, volume)| volume);
-        let paths = OriginPaths::new(tree, &mut self.workshop, demands);
+        let surcharges = &problem.classes[self.class].surcharges;
+        let paths = OriginPaths::new(tree, &mut self.workshop, demands, surcharges);
         paths.load(&mut self.workshop, &from.destinations, &mut state.flows);
         self.paths.push(paths);
         Ok(())
@@ -207,7 +254,8 @@ impl Block {
     /// cheapest paths.
     fn find_cheaper_paths(&mut self, problem: &Problem<'_>, link_costs: &[f64]) {
         self.shortest_path_cost = 0.0;
-        let origins = &problem.demand.origins()[self.origins.clone()];
+        let class = &problem.classes[self.class];
+        let origins = &class.demand.origins()[self.origins.clone()];
         for ((from, order), paths) in origins.iter().zip(&mut self.orders).zip(&mut self.paths) {
             self.cheapest
                 .search(problem.network, link_costs, from.origin, order);
@@ -216,6 +264,7 @@ impl Block {
                 problem.network,
                 &self.cheapest,
                 link_costs,
+                &class.surcharges,
                 (from.origin, &from.destinations),
             );
         }
@@ -224,7 +273,7 @@ impl Block {
 
 /// Sweeps over all pairs until their excess costs have fallen well below those at the start, and makes path flows add up.
 /// Where `exact`, a step on all pairs at once helps sweeps that creep. Returns whether they do.
-fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> bool {
+fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, fewest_sweeps: usize, exact: bool) -> bool {
     let mut shift = Shift::new(state.flows.len());
     let mut first_excess = 0.0;
     let mut previous_excess = 0.0;
@@ -253,7 +302,7 @@ fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, exact: bool) -> 
         if sweep == 1 {
             first_excess = largest_excess;
         }
-        if largest_excess <= SWEEP_REDUCTION * first_excess {
+        if sweep >= fewest_sweeps && largest_excess <= SWEEP_REDUCTION * first_excess {
             break;
         }
         creeps = sweep == SWEEPS_PER_ITERATION && largest_excess > CREEPING * first_excess;
@@ -287,6 +336,7 @@ fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
     let mut direction = vec![0.0; state.flows.len()];
     let mut largest_step = LARGEST_EXTRAPOLATION;
     let mut largest_change = 0.0_f64;
+    let mut surcharges = 0.0;
     for pair in choices(blocks) {
         for path in pair.paths.iter() {
             let change = path.flow - path.flow_before;
@@ -297,6 +347,7 @@ fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
                 largest_step = largest_step.min(path.flow / -change);
             }
             largest_change = largest_change.max(change.abs() / pair.demand);
+            surcharges += change * path.surcharge;
             for link in pair.links.of(path) {
                 direction[link as usize] += change;
             }
@@ -305,7 +356,12 @@ fn extrapolate(blocks: &mut [Block], state: &mut LinkState<'_>) {
     if largest_change < SMALLEST_EXTRAPOLATED_CHANGE {
         return;
     }
-    let step = exact_step(&state.problem.delays, &state.flows, &direction, largest_step);
+    let step = exact_step(
+        &state.problem.delays,
+        &state.flows,
+        &direction,
+        (surcharges, largest_step),
+    );
     if step <= 0.0 {
         return;
     }

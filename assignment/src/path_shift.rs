@@ -13,6 +13,7 @@ const SHIFT_LIMIT: usize = 30;
 /// Flows with the costs and derivatives that belong to them.
 pub(crate) struct LinkState<'a> {
     pub(crate) problem: &'a Problem<'a>,
+    /// Of everybody, in passenger cars.
     pub(crate) flows: Vec<f64>,
     pub(crate) costs: Vec<f64>,
     pub(crate) derivatives: Vec<f64>,
@@ -90,7 +91,7 @@ impl Shift {
         } = pair;
         let (mut cheapest, mut least, mut most) = (0, f64::INFINITY, 0.0);
         for (index, path) in paths.iter().enumerate() {
-            let cost = state.cost(links.of(path));
+            let cost = path.surcharge + state.cost(links.of(path));
             if cost < least {
                 (cheapest, least) = (index, cost);
             }
@@ -111,7 +112,13 @@ impl Shift {
                 continue;
             }
             let dearer = (links.of(&paths[index]), paths[index].flow);
-            let moved = self.between(dearer, (cheapest_links.clone(), paths[cheapest].flow), state);
+            let surcharge = paths[index].surcharge - paths[cheapest].surcharge;
+            let moved = self.between(
+                dearer,
+                (cheapest_links.clone(), paths[cheapest].flow),
+                surcharge,
+                state,
+            );
             paths[index].flow -= moved;
             paths[cheapest].flow += moved;
             if paths[index].flow < NEGLIGIBLE_SHARE * *demand {
@@ -123,15 +130,18 @@ impl Shift {
     }
 
     /// Moves flow between two paths so that their costs come together: a Newton step, taken back towards the start where
-    /// it overshoots, as it can where a volume-delay function bends sharply. Returns the flow moved from the dearer path;
+    /// it overshoots, as it can where a volume-delay function bends sharply. The dearer one costs `surcharge` more beside its
+    /// links. Returns the flow moved from the dearer path;
     /// negative if earlier shifts of the pair made it the cheaper one.
     fn between(
         &mut self,
         (dearer, dearer_flow): (Way<'_>, f64),
         (cheapest, cheapest_flow): (Way<'_>, f64),
+        surcharge: f64,
         state: &mut LinkState<'_>,
     ) -> f64 {
         let (difference, slope) = self.compare(dearer, cheapest, state);
+        let difference = difference + surcharge;
         if difference == 0.0 {
             return 0.0;
         }
@@ -144,7 +154,7 @@ impl Shift {
         // No congestion, or an infinite derivative at flow 0: try the whole flow.
         let usable = newton.is_finite() && newton != 0.0 && newton.abs() < full.abs();
         let mut moved = if usable { newton } else { full };
-        let mut after = state.add(&self.leaving, -moved) - state.add(&self.joining, moved);
+        let mut after = surcharge + state.add(&self.leaving, -moved) - state.add(&self.joining, moved);
         for _ in 0..SHIFT_LIMIT {
             if -after / difference <= OVERSHOOT {
                 break;
@@ -152,7 +162,7 @@ impl Shift {
             // The secant's root lies at less than two thirds of the way.
             let shorter = moved * (difference / (difference - after)).max(0.1);
             let back = moved - shorter;
-            after = state.add(&self.leaving, back) - state.add(&self.joining, -back);
+            after = surcharge + state.add(&self.leaving, back) - state.add(&self.joining, -back);
             moved = shorter;
         }
         moved

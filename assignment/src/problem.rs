@@ -1,9 +1,13 @@
 //! What every algorithm is given: the problem as numbers, the worker threads, and the log of its progress.
 
 use crate::demand::OriginDemand;
-use crate::{Algorithm, Demand, IterationRecord, Network, Options, PathFlows, Solution, Stop, VolumeDelay};
+use crate::{
+    Algorithm, Demand, IterationRecord, Network, Observe, Options, PathFlows, Solution, Stop, VolumeDelay,
+};
 use kit::error::{Error, Result};
 use rayon::prelude::*;
+use std::borrow::Cow;
+use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
 /// Fewest origins per block (chosen: less work than this is not worth a thread).
@@ -25,35 +29,68 @@ const CRAWLING_GAIN: f64 = 0.01;
 /// Objectives that differ by less than this share are equal but for rounding.
 const OBJECTIVE_RESOLUTION: f64 = 1e-14;
 
-/// A network, a demand and the costs that the objective makes drivers balance.
+/// Drivers who share a demand and meet the same costs.
+pub(crate) struct Class<'a> {
+    /// Empty where there is one class alone.
+    pub(crate) name: &'a str,
+    /// In passenger cars.
+    pub(crate) demand: &'a Demand,
+    /// Per link, what it costs them beyond what it costs everybody; empty where that is nothing.
+    pub(crate) surcharges: Vec<f64>,
+    /// Links that they may not use.
+    pub(crate) banned_links: &'a [u32],
+}
+
+/// Some origins of a class.
+pub(crate) struct OriginBlock<'a> {
+    pub(crate) class: usize,
+    /// Indices into the class's origins.
+    pub(crate) range: Range<usize>,
+    pub(crate) origins: &'a [OriginDemand],
+}
+
+/// A network, demands and the costs that the objective makes drivers balance.
 pub(crate) struct Problem<'a> {
     pub(crate) network: &'a Network,
-    pub(crate) demand: &'a Demand,
+    pub(crate) classes: Vec<Class<'a>>,
     /// Travel costs for the user equilibrium, marginal costs for the system optimum.
     pub(crate) delays: Vec<VolumeDelay>,
     threads: Option<rayon::ThreadPool>,
 }
 
 impl<'a> Problem<'a> {
-    /// Checks that network and demand belong together.
+    /// All drivers in one class, at the network's own costs.
     pub(crate) fn new(network: &'a Network, demand: &'a Demand, options: &Options) -> Result<Self> {
-        if demand.zones() != network.numbering().zones {
-            let expected = format!("the network's {} zones", network.numbering().zones);
-            return Err(Error::input(
-                "demand",
-                format!("{} zones", demand.zones()),
-                expected,
-            ));
+        let class = Class {
+            name: "",
+            demand,
+            surcharges: Vec::new(),
+            banned_links: &[],
+        };
+        Self::with_classes(network, network.volume_delays(), vec![class], options)
+    }
+
+    /// Checks that network and demands belong together. `delays` are what everybody meets.
+    pub(crate) fn with_classes(
+        network: &'a Network,
+        delays: &[VolumeDelay],
+        classes: Vec<Class<'a>>,
+        options: &Options,
+    ) -> Result<Self> {
+        for class in &classes {
+            if class.demand.zones() != network.numbering().zones {
+                let expected = format!("the network's {} zones", network.numbering().zones);
+                let found = format!("{} zones", class.demand.zones());
+                return Err(Error::input("demand", found, expected));
+            }
         }
-        let delays: Vec<VolumeDelay> = network
-            .volume_delays()
-            .iter()
-            .map(|delay| delay.view(options.objective))
-            .collect();
+        let delays: Vec<VolumeDelay> = delays.iter().map(|delay| delay.view(options.objective)).collect();
+        let demand: f64 = classes.iter().map(|class| class.demand.total()).sum();
         for (index, (delay, link)) in delays.iter().zip(network.links()).enumerate() {
+            let most = demand + network.preload(index);
             // With nobody on the road, a root is infinitely steep.
-            let steep = demand.total() > 0.0 && !delay.derivative(demand.total()).is_finite();
-            if steep || !delay.integral(demand.total()).is_finite() {
+            let steep = most > 0.0 && !delay.derivative(most).is_finite();
+            if steep || !delay.integral(most).is_finite() {
                 return Err(Error::input(
                     format!(
                         "link {} ({} to {})",
@@ -61,16 +98,16 @@ impl<'a> Problem<'a> {
                         network.node_name(link.init_node),
                         network.node_name(link.term_node)
                     ),
-                    format!("a cost that overflows at {} vehicles", demand.total()),
+                    format!("a cost that overflows at {most} vehicles"),
                     "a capacity of the size of the demand",
                 ));
             }
         }
         Ok(Self {
+            threads: thread_pool(options.threads, origins(&classes))?,
             network,
-            demand,
+            classes,
             delays,
-            threads: thread_pool(options.threads, demand.origins().len())?,
         })
     }
 
@@ -79,10 +116,44 @@ impl<'a> Problem<'a> {
         self.delays.len()
     }
 
-    /// The blocks of origins that are worked on at once.
-    pub(crate) fn origin_blocks(&self) -> impl Iterator<Item = &'a [OriginDemand]> + use<'a> {
-        let origins = self.demand.origins();
-        origins.chunks(origins_per_block(origins.len()))
+    /// The blocks of origins that are worked on at once, class by class.
+    pub(crate) fn origin_blocks(&self) -> impl Iterator<Item = OriginBlock<'a>> {
+        let size = origins_per_block(origins(&self.classes));
+        let classes = self.classes.iter().enumerate();
+        classes.flat_map(move |(class, Class { demand, .. })| {
+            let chunks = demand.origins().chunks(size).enumerate();
+            chunks.map(move |(chunk, origins)| OriginBlock {
+                class,
+                range: chunk * size..chunk * size + origins.len(),
+                origins,
+            })
+        })
+    }
+
+    /// What the links cost a class where they cost everybody `link_costs`; infinite where it is banned.
+    pub(crate) fn class_costs<'c>(&self, class: usize, link_costs: &'c [f64]) -> Cow<'c, [f64]> {
+        let Class {
+            surcharges,
+            banned_links,
+            ..
+        } = &self.classes[class];
+        if surcharges.is_empty() && banned_links.is_empty() {
+            return Cow::Borrowed(link_costs);
+        }
+        let mut costs = link_costs.to_vec();
+        for (cost, surcharge) in costs.iter_mut().zip(surcharges) {
+            *cost += surcharge;
+        }
+        for &link in *banned_links {
+            costs[link as usize] = f64::INFINITY;
+        }
+        Cow::Owned(costs)
+    }
+
+    /// What the surcharges of all classes come to, where these use the links so much.
+    pub(crate) fn surcharges(&self, class_flows: &[Vec<f64>]) -> f64 {
+        let classes = self.classes.iter().zip(class_flows);
+        classes.map(|(class, flows)| dot(&class.surcharges, flows)).sum()
     }
 
     /// Cost that drivers balance, of every link.
@@ -92,12 +163,15 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The objective: sum of the integrals of the costs that drivers balance.
+    /// The objective: sum of the integrals of the costs that drivers balance, from what the roads carry without them to
+    /// `link_flows`. Surcharges come on top.
     pub(crate) fn objective(&self, link_flows: &[f64]) -> f64 {
-        self.delays
-            .iter()
-            .zip(link_flows)
-            .map(|(delay, &flow)| delay.integral(flow))
+        let links = self.delays.iter().zip(link_flows).enumerate();
+        links
+            .map(|(link, (delay, &flow))| match self.network.preload(link) {
+                0.0 => delay.integral(flow),
+                preload => delay.integral(flow) - delay.integral(preload),
+            })
             .sum()
     }
 
@@ -108,6 +182,10 @@ impl<'a> Problem<'a> {
             None => items.iter_mut().for_each(work),
         }
     }
+}
+
+fn origins(classes: &[Class<'_>]) -> usize {
+    classes.iter().map(|class| class.demand.origins().len()).sum()
 }
 
 /// Depends on the problem alone: the order of additions must not change with the number of threads.
@@ -165,11 +243,11 @@ pub(crate) struct Progress<'a> {
     /// Up to and including each record.
     best: Vec<Best>,
     stopped: Stop,
-    observe: &'a mut dyn FnMut(&IterationRecord),
+    observe: &'a mut Observe<'a>,
 }
 
 impl<'a> Progress<'a> {
-    pub(crate) fn new(options: &Options, observe: &'a mut dyn FnMut(&IterationRecord)) -> Self {
+    pub(crate) fn new(options: &Options, observe: &'a mut Observe<'a>) -> Self {
         Self {
             gap: options.gap,
             max_iterations: options.max_iterations,
@@ -183,7 +261,7 @@ impl<'a> Progress<'a> {
     }
 
     /// Logs the flows of one more iteration. True if it was the last: the gap is reached, iterations are used up, or
-    /// nothing improves any more.
+    /// nothing improves any more, or whoever observes it says so.
     pub(crate) fn record(&mut self, relative_gap: f64, objective: f64) -> bool {
         let record = IterationRecord {
             iteration: self.records.len(),
@@ -191,7 +269,7 @@ impl<'a> Progress<'a> {
             objective,
             seconds: self.start.elapsed().as_secs_f64(),
         };
-        (self.observe)(&record);
+        let observed = (self.observe)(&record);
         self.records.push(record);
         let best = self.best.last().copied().unwrap_or(Best {
             gap: f64::INFINITY,
@@ -207,6 +285,8 @@ impl<'a> Progress<'a> {
             Some(Stop::Iterations)
         } else if self.stalls_for(STALLED_ITERATIONS) || (self.may_crawl && self.crawls()) {
             Some(Stop::Stagnation)
+        } else if let ControlFlow::Break(reason) = observed {
+            Some(reason)
         } else {
             None
         };
@@ -236,14 +316,13 @@ impl<'a> Progress<'a> {
         Some((self.best[before], *self.best.last()?))
     }
 
-    /// The finished solution: `link_flows` are those of the last record.
+    /// The finished solution: `link_flows` are those of the last record, and the links then cost `link_costs`.
     pub(crate) fn into_solution(
         self,
-        network: &Network,
+        link_costs: Vec<f64>,
         link_flows: Vec<f64>,
         path_flows: PathFlows,
     ) -> Solution {
-        let link_costs = network.link_costs(&link_flows);
         let last = self.records.last();
         let relative_gap = last.map_or(0.0, |record| record.relative_gap);
         Solution {

@@ -12,6 +12,7 @@ use assignment::{
 };
 use proptest::prelude::*;
 use std::io::Write as _;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 const ALGORITHMS: [Algorithm; 4] = [
@@ -419,8 +420,11 @@ fn the_record_starts_with_all_or_nothing_and_ends_with_the_result() {
             ..options(algorithm, 1e-12)
         };
         let mut observed = Vec::new();
-        let solution =
-            assign_observed(&network, &demand, &options, &mut |record| observed.push(*record)).unwrap();
+        let solution = assign_observed(&network, &demand, &options, &mut |record| {
+            observed.push(*record);
+            ControlFlow::Continue(())
+        })
+        .unwrap();
         assert_eq!(observed, solution.convergence);
         assert_eq!((solution.iterations, observed.len()), (3, 4));
         assert!(!solution.converged);

@@ -10,7 +10,7 @@ use assignment::skims::{format_skims, skims};
 use assignment::tntp::{read_network, read_trips};
 use assignment::{
     Algorithm, Assigner, CostWeights, Demand, Network, Objective, Options, PathFlows, Solution, Stop, Text,
-    assign, assign_from, convergence, demand::Trip,
+    assign, assign_from, convergence, demand::Trip, uninterrupted,
 };
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ fn options(gap: f64) -> Options {
 }
 
 fn warm(network: &Network, demand: &Demand, gap: f64, start: &PathFlows) -> Solution {
-    assign_from(network, demand, &options(gap), start, &mut |_| {}).unwrap()
+    assign_from(network, demand, &options(gap), start, &mut uninterrupted).unwrap()
 }
 
 /// Every capacity less up to `largest_cut`, by a fixed sequence.
@@ -240,7 +240,7 @@ fn a_warm_start_follows_the_demand() {
         &one_pair,
         &options(1e-6),
         &before.path_flows,
-        &mut |_| {},
+        &mut uninterrupted,
     );
     let message = failure.unwrap_err().to_string();
     assert!(message.starts_with("start: path 1: "), "{message}");
@@ -248,7 +248,7 @@ fn a_warm_start_follows_the_demand() {
         algorithm: Algorithm::BiconjugateFrankWolfe,
         ..options(1e-3)
     };
-    let failure = assign_from(&network, &demand, &bfw, &before.path_flows, &mut |_| {}).unwrap_err();
+    let failure = assign_from(&network, &demand, &bfw, &before.path_flows, &mut uninterrupted).unwrap_err();
     assert!(
         failure
             .to_string()
@@ -266,7 +266,14 @@ fn a_warm_start_has_the_same_bytes_at_any_number_of_threads() {
             threads,
             ..options(1e-9)
         };
-        let solution = assign_from(&changed, &demand, &options, &before.path_flows, &mut |_| {}).unwrap();
+        let solution = assign_from(
+            &changed,
+            &demand,
+            &options,
+            &before.path_flows,
+            &mut uninterrupted,
+        )
+        .unwrap();
         let bits: Vec<u64> = solution.link_flows.iter().map(|flow| flow.to_bits()).collect();
         (bits, solution.path_flows)
     };

@@ -5,7 +5,7 @@ use assignment::formats::{Import, ImportOptions, LostTrips, RoadData, Unreachabl
 use assignment::link::check_not_negative;
 use assignment::report::{ImportReport, NoteKind};
 use assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Options, PathFlows, Solution, Stop,
+    Algorithm, CostWeights, Demand, Network, Objective, Observe, Options, PathFlows, Solution, Stop,
     assign_from, assign_observed, formats, grid::Grid, report,
 };
 use kit::error::{Error, Result};
@@ -171,11 +171,7 @@ impl Assignment {
     ///
     /// # Errors
     /// As [`assign_observed`] and [`assign_from`].
-    pub fn solve(
-        &self,
-        start: Option<&PathFlows>,
-        observe: &mut dyn FnMut(&IterationRecord),
-    ) -> Result<Solution> {
+    pub fn solve(&self, start: Option<&PathFlows>, observe: &mut Observe<'_>) -> Result<Solution> {
         let Self {
             network,
             demand,
@@ -245,5 +241,7 @@ pub fn stop_name(stop: Stop) -> &'static str {
         Stop::Gap => "gap",
         Stop::Iterations => "iterations",
         Stop::Stagnation => "stagnation",
+        Stop::Time => "time",
+        Stop::Interrupted => "signal",
     }
 }

@@ -4,7 +4,7 @@
 //! less: `Ca = Ca_hat - (A / A_max) dm`, with A the age of what is known, A_max the largest age there is, and dm the
 //! capacity lost at that age.
 
-use assignment::{Algorithm, Demand, Network, Options, Solution, assign, assign_from};
+use assignment::{Algorithm, Demand, Network, Options, Solution, assign, assign_from, uninterrupted};
 use kit::error::{Error, Result};
 
 /// How capacity error grows with age.
@@ -92,8 +92,8 @@ impl TrafficState {
     pub fn of(network: &Network, demand: &Demand, link_flows: &[f64]) -> Self {
         let link_costs = network.link_costs(link_flows);
         let ratios = || {
-            let roads = network.roads().iter().zip(link_flows);
-            roads.map(|(link, flow)| flow / link.capacity)
+            let roads = network.roads().iter().zip(link_flows).enumerate();
+            roads.map(|(index, (link, flow))| (network.preload(index) + flow) / link.capacity)
         };
         let roads = network.roads().len();
         let total: f64 = link_flows.iter().zip(&link_costs).map(|(x, c)| x * c).sum();
@@ -177,6 +177,6 @@ impl<'a> Planner<'a> {
             return assign(truth, self.demand, self.options);
         }
         let start = &self.planned.path_flows;
-        assign_from(truth, self.demand, self.options, start, &mut |_| {})
+        assign_from(truth, self.demand, self.options, start, &mut uninterrupted)
     }
 }

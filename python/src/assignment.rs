@@ -115,6 +115,8 @@ pub fn assign_arrays(
             Stop::Gap => "gap",
             Stop::Iterations => "iterations",
             Stop::Stagnation => "stagnation",
+            Stop::Time => "time",
+            Stop::Interrupted => "signal",
         },
     })
 }

@@ -2,8 +2,10 @@
 
 mod flow_files;
 mod import;
+mod limits;
 mod outputs;
 mod page;
+mod progress;
 
 use crate::assign::{AssignSource, Assignment, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
@@ -13,21 +15,20 @@ use assignment::grid::Grid;
 use assignment::{
     Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Solution, Stop, formats, path_flows,
 };
-use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::Result;
 use kit::files::Text;
 use kit::say;
+use limits::Limits;
+use progress::Progress;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::process::ExitCode;
+use std::time::Instant;
 
 pub use import::ImportArguments;
 
 /// The name that takes the place of a network file: the urban grid, which brings its own demand.
 const GRID: &str = "grid";
-
-/// A solve that is shorter than this shows no progress bar (chosen).
-const PROGRESS_DELAY: Duration = Duration::from_millis(500);
 
 /// Rows of the table of the convergence (chosen: it fits a screen).
 const CONVERGENCE_ROWS: usize = 12;
@@ -63,6 +64,10 @@ pub struct AssignArguments {
     /// Iterations to stop at even if the gap is larger
     #[arg(long, default_value_t = MAX_ITERATIONS)]
     pub max_iterations: usize,
+    /// Seconds of solving after which to end with what there is: files are written whole, and the exit code is 3, as it is
+    /// after SIGTERM or the first Ctrl-C
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub max_seconds: Option<f64>,
     /// Cost of a unit of toll, in units of free-flow time
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub toll_weight: f64,
@@ -77,7 +82,7 @@ pub struct AssignArguments {
     #[arg(long, value_name = "FILE.csv")]
     pub paths: Option<PathBuf>,
     /// Start from the path flows of this CSV, as --paths wrote it for the same links: other capacities, another demand
-    #[arg(long, value_name = "PATHS")]
+    #[arg(long, visible_alias = "resume", value_name = "PATHS")]
     pub warm: Option<PathBuf>,
     /// Write cost, time, length and toll of the cheapest way between every two zones to this file, CSV or by its name OMX
     #[arg(long, value_name = "FILE.csv|FILE.omx")]
@@ -165,7 +170,7 @@ impl AssignArguments {
 /// # Errors
 /// An option, network, trip table, flow or path file that makes no sense; a file that cannot be read or written. Not reaching the
 /// gap is none: the report says so.
-pub fn run(arguments: &AssignArguments) -> Result<()> {
+pub fn run(arguments: &AssignArguments) -> Result<ExitCode> {
     let start = Instant::now();
     outputs::check_options(arguments)?;
     let source = arguments.source()?;
@@ -173,12 +178,12 @@ pub fn run(arguments: &AssignArguments) -> Result<()> {
     arguments.import.write_lost(&import)?;
     let assignment = source.assignment(import)?;
     match &arguments.check {
-        Some(path) => judge(arguments, &assignment, path, start),
+        Some(path) => judge(arguments, &assignment, path, start).map(|()| ExitCode::SUCCESS),
         None => solve(arguments, &assignment, start),
     }
 }
 
-fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -> Result<()> {
+fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -> Result<ExitCode> {
     let Assignment {
         network,
         demand,
@@ -190,18 +195,16 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
         Some(path) => Some(path_flows::read_paths(&Text::read(path)?, network)?),
         None => None,
     };
-    let progress = (!arguments.json).then(Progress::new);
+    let limits = Limits::new(arguments.max_seconds)?;
+    let mut progress = Progress::new(arguments.json);
     let solve_start = Instant::now();
     let mut observe = |record: &IterationRecord| {
-        if let Some(progress) = &progress {
-            progress.show(record.iteration, record.relative_gap);
-        }
+        progress.show(record.iteration, record.relative_gap);
+        limits.check(solve_start)
     };
     let solution = assignment.solve(start_paths.as_ref(), &mut observe)?;
     let seconds = solve_start.elapsed().as_secs_f64();
-    if let Some(progress) = progress {
-        progress.finish();
-    }
+    progress.finish();
     let report = assignment.report_with(&solution.link_flows, solution.converged)?;
     outputs::write(arguments, assignment, &selection, &solution, &report)?;
     let seconds_total = start.elapsed().as_secs_f64();
@@ -218,17 +221,22 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
             say!("{word:<21}{}", path.display());
         }
     }
+    let mut code = ExitCode::SUCCESS;
     if !solution.converged {
         let why = match solution.stopped {
             Stop::Stagnation => "stagnated, as far as this method and double precision go",
             Stop::Gap | Stop::Iterations => "not converged",
+            Stop::Time | Stop::Interrupted => {
+                code = ExitCode::from(limits::STOPPED_EARLY);
+                "ended early with the best flows so far"
+            }
         };
         eprintln!(
             "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
             solution.relative_gap, solution.iterations, options.gap
         );
     }
-    Ok(())
+    Ok(code)
 }
 
 fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, start: Instant) -> Result<()> {
@@ -343,32 +351,4 @@ fn print_evaluation(network: &Network, evaluation: &Evaluation) {
         "carries the demand   {}",
         if evaluation.conserves_demand { "yes" } else { "NO" }
     );
-}
-
-/// A line on stderr while a solve takes long; silent where stderr is no terminal.
-struct Progress {
-    bar: ProgressBar,
-    start: Instant,
-}
-
-impl Progress {
-    fn new() -> Self {
-        let style = ProgressStyle::with_template("{spinner} iteration {pos}, relative gap {msg} [{elapsed}]");
-        Self {
-            bar: ProgressBar::new_spinner()
-                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner())),
-            start: Instant::now(),
-        }
-    }
-
-    fn show(&self, iteration: usize, relative_gap: f64) {
-        if self.start.elapsed() >= PROGRESS_DELAY {
-            self.bar.set_message(format!("{relative_gap:.3e}"));
-            self.bar.set_position(iteration as u64);
-        }
-    }
-
-    fn finish(self) {
-        self.bar.finish_and_clear();
-    }
 }

@@ -89,7 +89,7 @@ fn prepare(settings: &Settings<'_>) -> Result<Task> {
     };
     let assignment = source.read()?;
     Ok(Box::new(move || {
-        let solution = assignment.solve(None, &mut |_| ())?;
+        let solution = assignment.solve(None, &mut assignment::uninterrupted)?;
         Ok(assignment.to_json(&solution))
     }))
 }
