@@ -22,7 +22,7 @@ struct CommandLine {
 
 fn assign_arguments(arguments: &[&str]) -> kit::error::Result<()> {
     let line = ["assign"].iter().chain(arguments);
-    run(&CommandLine::try_parse_from(line).unwrap().arguments)
+    run(&CommandLine::try_parse_from(line).unwrap().arguments).map(drop)
 }
 
 fn assign_command(arguments: &[&str]) -> kit::error::Result<()> {
@@ -32,7 +32,7 @@ fn assign_command(arguments: &[&str]) -> kit::error::Result<()> {
         .into_iter()
         .chain([trips.to_str().unwrap()])
         .chain(arguments.iter().copied());
-    run(&CommandLine::try_parse_from(line).unwrap().arguments)
+    run(&CommandLine::try_parse_from(line).unwrap().arguments).map(drop)
 }
 
 #[test]

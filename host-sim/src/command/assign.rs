@@ -231,9 +231,11 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
                 "ended early with the best flows so far"
             }
         };
-        eprintln!(
+        kit::remark!(
             "{why}: relative gap {:.3e} after {} iterations, {:e} was asked for",
-            solution.relative_gap, solution.iterations, options.gap
+            solution.relative_gap,
+            solution.iterations,
+            options.gap
         );
     }
     Ok(code)
@@ -252,7 +254,7 @@ fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, star
     let seconds = check_start.elapsed().as_secs_f64();
     let seconds_total = start.elapsed().as_secs_f64();
     if !evaluation.conserves_demand {
-        eprintln!(
+        kit::remark!(
             "the flows do not carry the demand: {} vehicles too many or too few at node {}; their gap means nothing",
             evaluation.largest_imbalance,
             network.node_name(evaluation.worst_node)

@@ -114,7 +114,7 @@ pub(super) fn report_json(report: &ImportReport) -> Value {
 /// The report for people: warnings on stderr, the rest as a table.
 pub(super) fn print_report(report: &ImportReport, json: bool) {
     for (note, times) in report.warnings() {
-        eprintln!("warning: {}: {}", note.place, phrase(&note.text, times));
+        kit::remark!("warning: {}: {}", note.place, phrase(&note.text, times));
     }
     if json {
         return;

@@ -41,7 +41,7 @@ impl Progress {
         if self.lines && self.last_line.elapsed() >= LINE_INTERVAL {
             self.last_line = Instant::now();
             let minutes = self.start.elapsed().as_secs() / 60;
-            eprintln!("iteration {iteration}, relative gap {relative_gap:.3e} [{minutes} min]");
+            kit::remark!("iteration {iteration}, relative gap {relative_gap:.3e} [{minutes} min]");
         } else if self.start.elapsed() >= PROGRESS_DELAY {
             self.bar.set_message(format!("{relative_gap:.3e}"));
             self.bar.set_position(iteration as u64);
