@@ -8,7 +8,7 @@
 //!   1991), with `z = x / capacity - 1` and a period of length T: `t(x) = t0 + T/4 (z + sqrt(z^2 + 8 J (x / capacity) / capacity))`.
 //!
 //! Each gains a part that no flow changes (toll, distance). The first is kept as `fixed + congestion x^power`, with powers
-//! that are multiples of a half by multiplication and square root; the other two are branches of the same [`Hyperbola`].
+//! that are multiples of a half by multiplication and square root; the other two are branches of one hyperbola.
 
 use crate::Objective;
 use crate::hyperbola::Hyperbola;
