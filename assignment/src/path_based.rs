@@ -234,7 +234,7 @@ impl Block {
                     let failure = unreachable_pair(problem.network, from.origin, destination);
                     return Err(match problem.classes[self.class].name {
                         "" => failure,
-                        name => failure.within(&format!("class {name}")),
+                        name => failure.within(format!("class {name}")),
                     });
                 }
                 self.workshop

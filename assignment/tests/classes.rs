@@ -1,4 +1,5 @@
 //! Several classes on the same roads, and roads with vehicles that no demand accounts for.
+#![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use assignment::{
     Algorithm, ClassSolution, CostWeights, Demand, Link, Network, NodeNumbering, Options, PathFlows, Text,

@@ -33,7 +33,7 @@ pub struct ImportArguments {
     /// Node file of a TNTP network, for maps [default: its own _node.tntp beside it]
     #[arg(long, value_name = "FILE")]
     pub nodes: Option<PathBuf>,
-    /// SUMO file with the <taz> that trips name, unless the network or the trips have them
+    /// SUMO file with the `<taz>` elements that trips name, unless the network or the trips have them
     #[arg(long, value_name = "FILE.xml")]
     pub taz: Option<PathBuf>,
     /// Vehicles an hour and lane of roads whose type begins so, or of all (repeatable, the last that fits counts). SUMO's files
