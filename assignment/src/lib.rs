@@ -27,7 +27,9 @@
 //! * [`coordinates`]: where its nodes lie.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
-//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`.
+//!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`; an origin's paths in `path_tree` and
+//!   `origin_paths`.
+//! * [`classes`]: several kinds of vehicles on the same roads.
 //! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
 //!   where the next solve can start, see [`assign_from`]; an [`Assigner`] keeps more than these and starts faster.
 //! * [`check`]: judges any link flows, by other means than the solvers use; [`flow_table`] reads those of other programs.

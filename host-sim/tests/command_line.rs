@@ -346,6 +346,37 @@ fn an_assignment_above_its_gap_says_so_beside_its_results() {
 }
 
 #[test]
+fn a_solve_that_runs_out_of_time_ends_whole_and_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let fixture = |name: &str| {
+        let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/../assignment/tests/fixtures");
+        format!("{fixtures}/SiouxFalls_{name}.tntp")
+    };
+    let (net, trips, flows, paths) = (fixture("net"), fixture("trips"), path("flows"), path("paths.csv"));
+    let flows = format!("{flows}.csv");
+    let problem = ["assign", "--json", "--net", &net, "--trips", &trips];
+    let ended = host_sim(
+        &[
+            &problem,
+            &["--max-seconds", "0", "--paths", &paths, "--flows", &flows][..],
+        ]
+        .concat(),
+    );
+    assert_eq!(ended.status.code(), Some(3));
+    let message = String::from_utf8(ended.stderr).unwrap();
+    assert!(message.contains("ended early"), "{message}");
+    assert_eq!(std::fs::read_to_string(&flows).unwrap().lines().count(), 77);
+    let object: Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert_eq!(
+        (&object["converged"], &object["stopped"]),
+        (&false.into(), &"time".into())
+    );
+    let resumed = json(&[&problem, &["--resume", &paths][..]].concat());
+    assert_eq!(resumed["converged"], true);
+}
+
+#[test]
 fn bad_tables_are_named_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let (file, out) = (folder.path().join("table.bin"), folder.path().join("out"));
