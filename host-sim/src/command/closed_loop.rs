@@ -252,7 +252,7 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         let column = Column::number(name, each().map(|row| value(row.result)));
         match each().any(|row| value(row.result) > LEAST_TROUBLE) {
             true => column.shown(shown, "", 3),
-            false => column,
+            false => column.unseen(),
         }
     };
     let mut table = Table::new(vec![

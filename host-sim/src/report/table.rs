@@ -54,6 +54,8 @@ pub struct Column {
     head: String,
     unit: String,
     decimals: Option<usize>,
+    /// Whether people see it, or the data alone have it.
+    is_shown: bool,
 }
 
 impl Column {
@@ -84,6 +86,7 @@ impl Column {
             head: name.to_owned(),
             unit: String::new(),
             decimals: None,
+            is_shown: true,
         }
     }
 
@@ -93,6 +96,14 @@ impl Column {
             head: head.to_owned(),
             unit: unit.to_owned(),
             decimals: Some(decimals),
+            ..self
+        }
+    }
+
+    /// In CSV and Parquet alone: nothing that people have to look at.
+    pub fn unseen(self) -> Self {
+        Self {
+            is_shown: false,
             ..self
         }
     }
@@ -204,6 +215,11 @@ impl Table {
         &self.columns
     }
 
+    /// Those that people see.
+    pub fn shown_columns(&self) -> Vec<&Column> {
+        self.columns.iter().filter(|column| column.is_shown).collect()
+    }
+
     /// Values of each column.
     pub const fn rows(&self) -> usize {
         self.rows
@@ -245,12 +261,9 @@ impl fmt::Display for Table {
         if !self.title.is_empty() {
             writeln!(formatter, "{}", self.title)?;
         }
-        let with_units = self.columns.iter().any(|column| !column.unit.is_empty());
-        let columns: Vec<Vec<String>> = self
-            .columns
-            .iter()
-            .map(|column| column.lines(with_units))
-            .collect();
+        let shown = self.shown_columns();
+        let with_units = shown.iter().any(|column| !column.unit.is_empty());
+        let columns: Vec<Vec<String>> = shown.iter().map(|column| column.lines(with_units)).collect();
         for line in 0..columns.first().map_or(0, Vec::len) {
             let cells: Vec<&str> = columns.iter().map(|column| column[line].as_str()).collect();
             writeln!(formatter, "{}", cells.join(GAP).trim_end())?;

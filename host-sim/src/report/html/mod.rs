@@ -33,13 +33,13 @@ pub struct Block(Markup);
 impl Block {
     /// A table.
     pub fn table(table: &Table) -> Self {
-        let columns = table.columns();
+        let columns = table.shown_columns();
         Self(html! {
             div.wide {
                 table {
                     @if !table.title().is_empty() { caption { (table.title()) } }
                     thead { tr {
-                        @for column in columns {
+                        @for column in &columns {
                             th.text[column.is_text()] scope="col" {
                                 (column.head())
                                 @if !column.unit().is_empty() { small { (column.unit()) } }
@@ -47,7 +47,7 @@ impl Block {
                         }
                     } }
                     tbody { @for row in 0..table.rows() { tr {
-                        @for column in columns { td.text[column.is_text()] { (column.written(row)) } }
+                        @for column in &columns { td.text[column.is_text()] { (column.written(row)) } }
                     } } }
                 }
             }
