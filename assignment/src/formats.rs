@@ -533,21 +533,6 @@ fn with_turns(
     .network(weights)
 }
 
-/// Reads a network and its trips without turns, every junction one node; trips without a path are an error.
-///
-/// # Errors
-/// As [`import`] and [`Import::settle`].
-pub fn read(path: &Path, trips: Option<&Path>, weights: CostWeights) -> Result<(Network, Demand)> {
-    let options = ImportOptions {
-        weights,
-        without_turns: true,
-        ..ImportOptions::default()
-    };
-    let mut import = import(path, trips, &options)?;
-    import.settle(Unreachable::Fail)?;
-    Ok((import.network, import.demand))
-}
-
 /// Reads where a network's nodes lie: from the network itself, for TNTP from `nodes` or the file of nodes beside it.
 ///
 /// # Errors

@@ -86,6 +86,17 @@ pub fn sweep_up(folder: &Path) {
     }
 }
 
+/// Removes a file, if it is there.
+///
+/// # Errors
+/// [`Error::File`] if it is and stays.
+pub fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file(path, source)),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses an output that is one of the inputs.
 ///
 /// # Errors

@@ -6,7 +6,7 @@ use crate::laboratory::actors::Actors;
 use crate::laboratory::checkpoint::first_difference;
 use crate::laboratory::state::State;
 use kit::error::{Error, Result};
-use kit::files::{check_folder, write_whole};
+use kit::files::{check_folder, remove, write_whole};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs::File;
@@ -182,11 +182,7 @@ impl RunFolder {
     /// # Errors
     /// If it cannot be removed.
     pub fn forget_previous_checkpoint(&self) -> Result<()> {
-        let path = self.previous_checkpoint();
-        match std::fs::remove_file(&path) {
-            Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file(&path, source)),
-            _ => Ok(()),
-        }
+        remove(&self.previous_checkpoint())
     }
 
     /// Writes a run's result, each file whole or not at all, the report last.

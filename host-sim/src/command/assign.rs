@@ -26,6 +26,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 pub use import::ImportArguments;
+pub(in crate::command) use import::print_warnings;
 
 /// The name that takes the place of a network file: the urban grid, which brings its own demand.
 const GRID: &str = "grid";

@@ -3,6 +3,7 @@
 use crate::age::AgeSummary;
 use crate::closed_loop::experiment::{DEFAULT_WORLDS, LoopExperiment, LoopSource, Traffic, WORLDS};
 use crate::closed_loop::{CaseResult, LoopSummary, Mean, PolicyResult};
+use crate::command::assign::print_warnings;
 use crate::command::options::{ScenarioArguments, check_table_is_used, choice, progress_bar, within};
 use crate::journeys::town::Town;
 use crate::policy::Kind;
@@ -12,7 +13,6 @@ use crate::report::table::{Column, Table};
 use crate::threads::thread_pool;
 use assignment::CostWeights;
 use assignment::formats::Unreachable;
-use assignment::report::NoteKind;
 use kit::choice::Choice as _;
 use kit::error::Result;
 use kit::files::{NamedText, check_folder, write_set, written};
@@ -123,10 +123,8 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
     check_table_is_used(arguments.table.as_deref(), &arguments.policy)?;
     let experiment = arguments.source().read()?;
-    for (note, times) in experiment.report().into_iter().flat_map(|report| report.notes()) {
-        if note.kind == NoteKind::Warning {
-            remark!("warning: {}: {} ({times})", note.place, note.text);
-        }
+    if let Some(report) = experiment.report() {
+        print_warnings(report);
     }
     let town = pool.install(|| experiment.town())?;
     if town.most_v_over_c() > 1.0 {

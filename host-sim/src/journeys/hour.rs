@@ -156,6 +156,8 @@ struct Hour<'w, 't> {
     traffic: &'t mut dyn TrafficModel,
     delays: &'t mut dyn Delays,
     travellers: Vec<Traveller>,
+    /// How many of them have arrived.
+    arrived: usize,
     knowledge: Knowledge<'w>,
     guide: Guide<'w>,
     underway: BinaryHeap<Reverse<Underway>>,
@@ -198,6 +200,7 @@ pub fn run(
         traffic,
         delays,
         travellers: Vec::with_capacity(world.trips.len()),
+        arrived: 0,
         knowledge: Knowledge::new(world.map, world.usual_speeds_m_per_s, estimator),
         guide: Guide::new(world.network, world.choice),
         underway: BinaryHeap::new(),
@@ -229,8 +232,7 @@ pub fn run(
             waiting += hour.waiting() as f64;
             road_age_s += hour.road_age_s(time_s);
         }
-        let all_gone = hour.travellers.len() == world.trips.len()
-            && hour.travellers.iter().all(|t| t.arrived_s.is_some());
+        let all_gone = hour.arrived == world.trips.len();
         if all_gone || time_s >= end_s {
             break;
         }
@@ -256,6 +258,7 @@ impl Hour<'_, '_> {
             for arrival in arrived.iter() {
                 let traveller = &mut self.travellers[arrival.vehicle as usize];
                 traveller.arrived_s = Some(arrival.time_s);
+                self.arrived += 1;
                 if self.world.times.counts(arrival.time_s) {
                     for &road in &traveller.way[traveller.done..] {
                         self.passed[road as usize] += 1;
@@ -440,8 +443,7 @@ impl Hour<'_, '_> {
 
     /// Vehicles that are neither on a road nor at the end of their way.
     fn waiting(&self) -> usize {
-        let underway = self.travellers.iter().filter(|t| t.arrived_s.is_none());
-        underway.count().saturating_sub(self.now.len())
+        (self.travellers.len() - self.arrived).saturating_sub(self.now.len())
     }
 
     fn road_age_s(&self, time_s: f64) -> f64 {

@@ -8,7 +8,7 @@ use super::learner::Metrics;
 use super::tensorboard;
 use host_sim::report::table::{Column, Table};
 use kit::error::{Error, Result};
-use kit::files::write_whole;
+use kit::files::{remove, write_whole};
 use serde_json::Value;
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
@@ -182,13 +182,6 @@ fn cut(path: &Path, length: u64) -> Result<()> {
     let file = File::options().write(true).open(path);
     file.and_then(|file| file.set_len(length))
         .map_err(|source| Error::file(path, source))
-}
-
-fn remove(path: &Path) -> Result<()> {
-    match std::fs::remove_file(path) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(Error::file(path, source)),
-        _ => Ok(()),
-    }
 }
 
 #[cfg(test)]

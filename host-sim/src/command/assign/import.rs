@@ -111,11 +111,16 @@ pub(super) fn report_json(report: &ImportReport) -> Value {
     notes.collect()
 }
 
-/// The report for people: warnings on stderr, the rest as a table.
-pub(super) fn print_report(report: &ImportReport, json: bool) {
+/// What is likely to be wrong with the input, on stderr.
+pub(in crate::command) fn print_warnings(report: &ImportReport) {
     for (note, times) in report.warnings() {
         kit::remark!("warning: {}: {}", note.place, phrase(&note.text, times));
     }
+}
+
+/// The report for people: warnings on stderr, the rest as a table.
+pub(super) fn print_report(report: &ImportReport, json: bool) {
+    print_warnings(report);
     if json {
         return;
     }
