@@ -183,8 +183,10 @@ fn stage(path: &Path, contents: &[u8]) -> Result<NamedTempFile> {
 fn publish(files: Vec<(NamedTempFile, PathBuf)>) -> Result<()> {
     let mut folders = BTreeSet::new();
     for (file, path) in files {
-        file.persist(&path)
-            .map_err(|failure| Error::file(&path, failure.error))?;
+        let published = file.persist(&path);
+        let published = published.map_err(|failure| Error::file(&path, failure.error))?;
+        // At once, also where a child that is just being started holds it too.
+        let _unlocked = published.unlock();
         done(Step::Name, &path);
         let _new = folders.insert(parent(&path).to_owned());
     }
