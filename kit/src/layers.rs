@@ -153,11 +153,20 @@ fn whole_key(key: String, value: &Value) -> String {
 /// # Errors
 /// [`Error::Input`] names the place and the line.
 pub fn parse(place: &str, text: &str) -> Result<Table> {
-    text.parse().map_err(|error: toml::de::Error| {
-        let line = error
-            .span()
-            .map_or(1, |span| text[..span.start].lines().count().max(1));
-        Error::input(format!("{place}:{line}"), error.message(), "TOML")
+    parse_as(place, text, "TOML")
+}
+
+/// A TOML text as a type; `expected` says what it must be.
+///
+/// # Errors
+/// [`Error::Input`] at `place` and the line.
+pub fn parse_as<T: DeserializeOwned>(place: &str, text: &str, expected: &str) -> Result<T> {
+    toml::from_str(text).map_err(|error: toml::de::Error| {
+        let before = error.span().map_or(0, |span| span.start);
+        let line = 1 + text[..before].matches('\n').count();
+        // What a field may be stands in several lines, or behind a comma.
+        let found = error.message().lines().next().unwrap_or_default();
+        Error::input(format!("{place}:{line}"), found, expected)
     })
 }
 
