@@ -1,11 +1,11 @@
 //! An independent judge of link flows: gap, objective and conservation from the flows alone.
 //!
-//! It gets there by other means than the solvers. Costs come from the printed BPR formula, cheapest paths from a
-//! label-correcting search (Pape 1974 with a plain queue), sums run in link order.
+//! It gets there by other means than the solvers. Costs come from the printed formulas of the delay functions, cheapest paths
+//! from a label-correcting search (Pape 1974 with a plain queue), sums run in link order.
 
 use crate::csv_rows::csv_rows;
 use crate::demand::Demand;
-use crate::link::Link;
+use crate::link::{DelayFunction, Link};
 use crate::network::Network;
 use crate::{Objective, problem};
 use kit::error::{Error, Result};
@@ -42,8 +42,8 @@ pub struct Evaluation {
 /// roads alone are held to what they can show: the nodes of a junction and its zones are one then.
 ///
 /// # Errors
-/// [`Error::Input`] for another number of flows, a flow that is negative or not finite, a demand for other zones, or a pair of
-/// zones with demand but no path.
+/// [`Error::Input`] for another number of flows, a flow that is negative or not finite, costs that overflow at them, a demand for
+/// other zones, or a pair of zones with demand but no path.
 pub fn evaluate(
     network: &Network,
     demand: &Demand,
@@ -64,22 +64,30 @@ pub fn evaluate(
     }
     let (mut beckmann, mut everybody, mut total_travel_time) = (0.0, 0.0, 0.0);
     let (mut drivers_total, mut drivers_costs) = (0.0, Vec::with_capacity(links.len()));
-    for (index, (link, &flow)) in links.iter().zip(link_flows).enumerate() {
+    for (index, &flow) in link_flows.iter().enumerate() {
         crate::link::check_not_negative(&format!("link {}: volume", index + 1), flow)?;
         // With what the road carries anyway, and that alone.
         let preload = network.preload(index);
-        let (free, delay) = bpr_terms(network, link, preload + flow);
-        let (_, delay_before) = bpr_terms(network, link, preload);
-        let power = if delay == 0.0 { 0.0 } else { link.power };
-        total_travel_time += flow * (free + delay);
-        everybody += (preload + flow) * (free + delay) - preload * (free + delay_before);
-        beckmann += flow * free + ((preload + flow) * delay - preload * delay_before) / (power + 1.0);
+        let (now, before) = (
+            Judged::new(network, index, preload + flow),
+            Judged::new(network, index, preload),
+        );
+        total_travel_time += flow * now.cost;
+        everybody += (preload + flow) * now.cost - preload * before.cost;
+        beckmann += now.area - before.area;
         let cost = match objective {
-            Objective::UserEquilibrium => free + delay,
-            Objective::SystemOptimum => free + (power + 1.0) * delay,
+            Objective::UserEquilibrium => now.cost,
+            Objective::SystemOptimum => now.marginal,
         };
         drivers_total += flow * cost;
         drivers_costs.push(cost);
+    }
+    if ![drivers_total, everybody, beckmann, total_travel_time]
+        .iter()
+        .all(|sum| sum.is_finite())
+    {
+        let expected = "flows of the size of the demand";
+        return Err(Error::input("flows", "costs that overflow", expected));
     }
     let cheapest_total = cheapest_total(network, demand, &drivers_costs)?;
     let (largest_imbalance, worst_node) = if only_roads {
@@ -104,24 +112,119 @@ pub fn evaluate(
 /// nothing.
 pub(crate) fn is_enough(network: &Network, flows: usize) -> bool {
     let roads = network.roads().len();
-    let free = |link: &Link| bpr_terms(network, link, 1.0) == (0.0, 0.0);
-    flows == network.links().len() || (flows == roads && network.links()[roads..].iter().all(free))
+    let free = |index| Judged::new(network, index, 1.0).cost == 0.0;
+    flows == network.links().len() || (flows == roads && (roads..network.links().len()).all(free))
 }
 
-/// Generalised cost of the empty link, and the delay that `flow` adds.
-fn bpr_terms(network: &Network, link: &Link, flow: f64) -> (f64, f64) {
-    let weights = network.weights();
-    let free = link.free_flow_time + weights.toll * link.toll + weights.distance * link.length;
-    if link.free_flow_time == 0.0 || link.b == 0.0 {
-        return (free, 0.0);
+/// What a link is worth at a flow, by the printed formulas.
+struct Judged {
+    /// What every vehicle meets.
+    cost: f64,
+    /// What one vehicle more costs all of them.
+    marginal: f64,
+    /// Integral of the cost from nobody to the flow.
+    area: f64,
+}
+
+impl Judged {
+    fn new(network: &Network, index: usize, flow: f64) -> Self {
+        let link = &network.links()[index];
+        let weights = network.weights();
+        let fixed = weights.toll * link.toll + weights.distance * link.length;
+        let time = match network.delay_function(index) {
+            DelayFunction::Bpr => Self::bpr(link, flow),
+            DelayFunction::Conical { alpha } => Self::conical(link, alpha, flow),
+            DelayFunction::Akcelik {
+                delay_parameter,
+                period,
+            } => Self::akcelik(link, delay_parameter, period, flow),
+        };
+        Self {
+            cost: fixed + time.cost,
+            marginal: fixed + time.marginal,
+            area: flow * fixed + time.area,
+        }
     }
-    // A power of 0 makes the delay a constant, also on the empty road.
-    let factor = if link.power == 0.0 {
-        1.0
-    } else {
-        libm::pow(flow / link.capacity, link.power)
-    };
-    (free, link.free_flow_time * link.b * factor)
+
+    fn constant(cost: f64, flow: f64) -> Self {
+        Self {
+            cost,
+            marginal: cost,
+            area: flow * cost,
+        }
+    }
+
+    fn bpr(link: &Link, flow: f64) -> Self {
+        let free = link.free_flow_time;
+        if free == 0.0 || link.b == 0.0 {
+            return Self::constant(free, flow);
+        }
+        if link.power == 0.0 {
+            return Self::constant(free + free * link.b, flow);
+        }
+        let delay = free * link.b * libm::pow(flow / link.capacity, link.power);
+        Self {
+            cost: free + delay,
+            marginal: free + (link.power + 1.0) * delay,
+            area: flow * free + flow * delay / (link.power + 1.0),
+        }
+    }
+
+    /// With `u = 1 - x / capacity`: `t0 (2 - beta - alpha u + sqrt(alpha^2 u^2 + beta^2))`.
+    fn conical(link: &Link, alpha: f64, flow: f64) -> Self {
+        let (free, capacity) = (link.free_flow_time, link.capacity);
+        if free == 0.0 {
+            return Self::constant(0.0, flow);
+        }
+        let beta = (2.0 * alpha - 1.0) / (2.0 * alpha - 2.0);
+        let u = 1.0 - flow / capacity;
+        let root = libm::hypot(alpha * u, beta);
+        let cost = free * (2.0 - beta - alpha * u + root);
+        let slope = free * alpha / capacity * (1.0 - alpha * u / root);
+        // The integral over u of the root, from u to 1.
+        let under = |u: f64| {
+            0.5 * u * libm::hypot(alpha * u, beta) + 0.5 * beta * beta / alpha * libm::asinh(alpha * u / beta)
+        };
+        let area = flow * (2.0 - beta) + capacity * (under(1.0) - under(u) - 0.5 * alpha * (1.0 - u * u));
+        Self {
+            cost,
+            marginal: cost + flow * slope,
+            area: free * area,
+        }
+    }
+
+    /// With `z = x / capacity - 1` and `m = 8 J / capacity`: `t0 + T/4 (z + sqrt(z^2 + m x / capacity))`.
+    fn akcelik(link: &Link, delay_parameter: f64, period: f64, flow: f64) -> Self {
+        let (free, capacity) = (link.free_flow_time, link.capacity);
+        if delay_parameter == 0.0 {
+            return Self::constant(free, flow);
+        }
+        let noise = 8.0 * delay_parameter / capacity;
+        let z = flow / capacity - 1.0;
+        let root = libm::sqrt(z * z + noise * (z + 1.0));
+        let cost = free + 0.25 * period * (z + root);
+        let slope = 0.25 * period / capacity * (1.0 + (z + 0.5 * noise) / root);
+        // The radicand is (z + noise / 2)^2 + rest, and the integral of its root, as of that of every such square, twice this.
+        let rest = noise - 0.25 * noise * noise;
+        let under = |z: f64| {
+            let shifted = z + 0.5 * noise;
+            let root = libm::sqrt(z * z + noise * (z + 1.0));
+            let logarithm = if rest > 0.0 {
+                libm::asinh(shifted / libm::sqrt(rest))
+            } else if rest < 0.0 {
+                libm::acosh(shifted / libm::sqrt(-rest))
+            } else {
+                0.0
+            };
+            shifted * root + rest * logarithm
+        };
+        let area = 0.5 * (z * z - 1.0) + 0.5 * (under(z) - under(-1.0));
+        Self {
+            cost,
+            marginal: cost + flow * slope,
+            area: flow * free + 0.25 * period * capacity * area,
+        }
+    }
 }
 
 /// What all trips cost on cheapest paths.

@@ -122,6 +122,15 @@ impl CsvTable {
         &self.columns
     }
 
+    /// Names of the columns that nobody asked for.
+    pub(crate) fn unread(&self) -> impl Iterator<Item = &str> {
+        let asked = self.asked.borrow().clone();
+        let columns = self.columns.iter().zip(asked);
+        columns
+            .filter(|(name, asked)| !asked && !name.is_empty())
+            .map(|(name, _)| name.as_str())
+    }
+
     /// Says which columns were read, and which were not.
     pub(crate) fn report(&self, report: &mut ImportReport) {
         self.report_rows(self.rows.len(), report);

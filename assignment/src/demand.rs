@@ -132,6 +132,19 @@ impl Demand {
         })
     }
 
+    /// All these trips together; they are for the same zones.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn merged(demands: &[Self]) -> Result<Self> {
+        let zones = demands.iter().map(|demand| demand.zones).max().unwrap_or(0);
+        let trips: Vec<Trip> = demands.iter().flat_map(Self::trips).collect();
+        Ok(Self {
+            intrazonal: demands.iter().map(|demand| demand.intrazonal).sum(),
+            ..Self::new(zones, &trips)?
+        })
+    }
+
     /// So many times these trips.
     ///
     /// # Errors

@@ -11,22 +11,16 @@
 //! Where links have no names, `link_id` is their number in file order.
 
 use crate::check;
-use crate::csv_table::{CsvTable, Row, id};
+use crate::csv_table::{CsvTable, Row};
+use crate::link_names::{FROM, LINK, LinkNames, TO};
 use crate::network::Network;
 use kit::error::{Error, Result};
 use kit::files::Text;
-use std::collections::HashMap;
 
-/// Names of columns with the node that a link leaves, in the order of preference.
-const FROM: [&str; 6] = ["init_node", "from_node_id", "from_node", "from", "a_node", "a"];
-
-/// The same for the node that it enters.
-const TO: [&str; 6] = ["term_node", "to_node_id", "to_node", "to", "b_node", "b"];
-
-/// The same for its flow.
+/// Names of columns with a link's flow, in the order of preference.
 const VOLUME: [&str; 5] = ["volume", "flow", "vol", "link_flow", "pce_tot"];
 
-/// The same for the flows of both directions.
+/// The same with the flows of both directions.
 const DIRECTIONS: [(&str, &str); 4] = [
     ("pce_ab", "pce_ba"),
     ("matrix_ab", "matrix_ba"),
@@ -62,31 +56,16 @@ pub fn read(text: &Text, network: &Network, road_names: &[String]) -> Result<Vec
 /// Flows on the way.
 struct Flows<'n> {
     network: &'n Network,
-    /// Links by the names of their nodes, the next to be given a flow last.
-    by_nodes: HashMap<(String, String), Vec<u32>>,
-    /// The same by their own names.
-    by_name: HashMap<String, Vec<u32>>,
+    links: LinkNames,
     volumes: Vec<Option<f64>>,
 }
 
 impl<'n> Flows<'n> {
     fn new(network: &'n Network, road_names: &[String]) -> Self {
-        let mut by_nodes: HashMap<(String, String), Vec<u32>> = HashMap::new();
-        let mut by_name: HashMap<String, Vec<u32>> = HashMap::new();
-        for (index, link) in network.links().iter().enumerate().rev() {
-            let index = index as u32;
-            let [from, to] =
-                [link.init_node, link.term_node].map(|node| network.node_name(node).into_owned());
-            by_nodes.entry((from, to)).or_default().push(index);
-            let name = road_names.get(index as usize).cloned();
-            let name = name.unwrap_or_else(|| (index + 1).to_string());
-            by_name.entry(name).or_default().push(index);
-        }
         Self {
             volumes: vec![None; network.links().len()],
             network,
-            by_nodes,
-            by_name,
+            links: LinkNames::new(network, road_names),
         }
     }
 
@@ -139,13 +118,13 @@ impl<'n> Flows<'n> {
                 }
             }
             (_, Some((ab, ba)), _) => {
-                let link = table.column("link_id")?;
+                let link = table.column(LINK)?;
                 for row in table.rows() {
                     self.put_name(row, link, &[ab, ba])?;
                 }
             }
             (None, None, Some(volume)) => {
-                let link = table.column("link_id")?;
+                let link = table.column(LINK)?;
                 for row in table.rows() {
                     self.put_name(row, link, &[volume])?;
                 }
@@ -157,20 +136,15 @@ impl<'n> Flows<'n> {
         Ok(())
     }
 
-    fn put_nodes(&mut self, place: &str, (from, to): (&str, &str), volume: f64) -> Result<()> {
-        let key = (id(from).to_owned(), id(to).to_owned());
-        let link = self.by_nodes.get_mut(&key).and_then(Vec::pop);
-        let link = link.ok_or_else(|| {
-            let found = format!("link {} to {}", key.0, key.1);
-            Error::input(place, found, "a link of the network, once")
-        })?;
+    fn put_nodes(&mut self, place: &str, nodes: (&str, &str), volume: f64) -> Result<()> {
+        let link = self.links.take_between(place, nodes)?;
         self.volumes[link as usize] = Some(volume);
         Ok(())
     }
 
     /// The flows of a link's directions, or of the only one.
     fn put_name(&mut self, row: Row<'_>, link: usize, columns: &[usize]) -> Result<()> {
-        let links = self.by_name.get_mut(row.id(Some(link)));
+        let links = self.links.named(row.id(Some(link)));
         let links = links.ok_or_else(|| row.refuse(link, "a link of the network"))?;
         for &column in columns {
             let flow = row.optional_amount(Some(column))?.unwrap_or(0.0);

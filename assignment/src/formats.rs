@@ -1,31 +1,19 @@
 //! A network, its demand and its coordinates, in any of the formats.
 
 use crate::coordinates::NodePlaces;
-use crate::demand::Trip;
-use crate::demand_table::{UnknownZone, Zones, read_csv};
+use crate::imported_demand::{ImportedDemand, Unreachable};
 use crate::report::{ImportReport, NoteKind};
 use crate::road_plan::{RoadPlan, Zone};
 use crate::shapes::Shape;
 use crate::units::{Length, Speed};
-use crate::{CostWeights, Demand, Network, gmns, reach, sumo, text, tntp, turn_table};
-use kit::choice::Choice;
+use crate::{CostWeights, Demand, Network, gmns, sumo, text, tntp, turn_table};
 use kit::error::{Error, Result};
 use kit::files::Text;
-use std::collections::{HashMap, HashSet};
-use std::fmt::Write as _;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// How a TNTP network's file name ends, and how that of its nodes does.
 const TNTP_ENDINGS: (&str, &str) = ("_net.tntp", "_node.tntp");
-
-/// So many pairs an error names (chosen: one line of a screen or two).
-const NAMED_PAIRS: usize = 12;
-
-/// Why trips cannot be made.
-const NO_ZONE: &str = "no zone";
-
-/// See [`NO_ZONE`].
-const NO_PATH: &str = "no path";
 
 /// The format of a network: a folder is GMNS, a name that ends in `.xml` or `.xml.gz` SUMO, any other file TNTP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,34 +48,6 @@ impl Format {
         match self {
             Self::Sumo => 1.0,
             Self::Gmns | Self::Tntp => 60.0,
-        }
-    }
-}
-
-/// What happens to trips that no path serves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Unreachable {
-    /// They are an error.
-    #[default]
-    Fail,
-    /// They are left out, and counted.
-    Drop,
-}
-
-impl Choice for Unreachable {
-    const ALL: &'static [Self] = &[Self::Fail, Self::Drop];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Fail => "fail",
-            Self::Drop => "drop",
-        }
-    }
-
-    fn meaning(self) -> &'static str {
-        match self {
-            Self::Fail => "Trips without a path are an error that names them",
-            Self::Drop => "Trips without a path are left out and counted",
         }
     }
 }
@@ -168,19 +128,6 @@ impl ImportOptions {
     }
 }
 
-/// Trips that cannot be made.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LostTrips {
-    /// Names of the zones, or where a zone stands that the network does not have.
-    pub origin: String,
-    /// See [`origin`](Self::origin).
-    pub destination: String,
-    /// Vehicles per unit of time.
-    pub volume: f64,
-    /// Why not.
-    pub why: &'static str,
-}
-
 /// What files say of roads that has no part in the assignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RoadData {
@@ -194,20 +141,28 @@ pub struct RoadData {
     pub seconds: f64,
 }
 
+/// A network as files gave it.
+#[derive(Debug)]
+pub struct ImportedNetwork {
+    /// The roads, with what was added for zones and turns.
+    pub network: Network,
+    /// What else is known of the roads.
+    pub roads: RoadData,
+    /// What was assumed.
+    pub report: ImportReport,
+}
+
 /// A network and its demand as files gave them.
 #[derive(Debug)]
 pub struct Import {
     /// The roads, with what was added for zones and turns.
     pub network: Network,
-    /// Who drives on them, trips without a path included.
-    pub demand: Demand,
+    /// Who drives on them.
+    pub trips: ImportedDemand,
     /// What else is known of the roads.
     pub roads: RoadData,
-    /// Trips without a path or without a zone.
-    pub lost: Vec<LostTrips>,
     /// What was assumed.
     pub report: ImportReport,
-    unreachable: Vec<Trip>,
 }
 
 impl RoadData {
@@ -227,79 +182,19 @@ impl Import {
     pub fn built(network: Network, demand: Demand) -> Self {
         Self {
             network,
-            demand,
+            trips: ImportedDemand::built(demand),
             roads: RoadData::unknown(Format::Sumo),
-            lost: Vec::new(),
             report: ImportReport::default(),
-            unreachable: Vec::new(),
         }
     }
 
-    /// Refuses trips that cannot be made, or leaves them out.
+    /// The trips that can be made.
     ///
     /// # Errors
-    /// [`Error::Input`] that names them.
+    /// As [`ImportedDemand::settle`].
     pub fn settle(&mut self, unreachable: Unreachable) -> Result<()> {
-        if self.lost.is_empty() {
-            return Ok(());
-        }
-        let volume: f64 = self.lost.iter().map(|lost| lost.volume).sum();
-        if unreachable == Unreachable::Fail {
-            return Err(self.refusal(volume));
-        }
-        let pairs: HashSet<(u32, u32)> = self
-            .unreachable
-            .drain(..)
-            .map(|trip| (trip.origin, trip.destination))
-            .collect();
-        self.demand = self.demand.without(&pairs)?;
-        let text = format!("pairs with {volume} vehicles are left out: they have no path or no zone");
-        self.report
-            .count(NoteKind::Warning, "trips", text, self.lost.len());
-        Ok(())
+        self.trips.settle(unreachable, &mut self.report)
     }
-
-    fn refusal(&self, volume: f64) -> Error {
-        if let Some(lost) = self.lost.iter().find(|lost| lost.why == NO_ZONE) {
-            let expected = "a zone of the network; --unreachable drop leaves such rows out";
-            return Error::input(&lost.origin, format!("`{}`", lost.destination), expected);
-        }
-        let named = self.lost.iter().take(NAMED_PAIRS);
-        let named: Vec<String> = named
-            .map(|lost| format!("{} to {}", lost.origin, lost.destination))
-            .collect();
-        let others = match self.lost.len().saturating_sub(NAMED_PAIRS) {
-            0 => String::new(),
-            others => format!(" and {others} more"),
-        };
-        let found = format!(
-            "{volume} vehicles without a path, by pairs {}: {}{others}",
-            self.lost.len(),
-            named.join(", ")
-        );
-        let expected =
-            "a path for every trip; --unreachable drop leaves them out, --unreachable-pairs lists all";
-        Error::input("trips", found, expected)
-    }
-}
-
-/// First line of a file of trips that cannot be made.
-pub const LOST_HEADER: &str = "origin,destination,volume,reason";
-
-/// Trips that cannot be made, as CSV.
-pub fn format_lost(lost: &[LostTrips]) -> String {
-    let mut text = format!("{LOST_HEADER}\n");
-    for LostTrips {
-        origin,
-        destination,
-        volume,
-        why,
-    } in lost
-    {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{origin},{destination},{volume},{why}");
-    }
-    text
 }
 
 /// Reads a network and its trips.
@@ -307,41 +202,73 @@ pub fn format_lost(lost: &[LostTrips]) -> String {
 /// # Errors
 /// What is wrong with a file, no trips, or an option that the format has no use for. Trips without a path are none yet.
 pub fn import(path: &Path, trips: Option<&Path>, options: &ImportOptions) -> Result<Import> {
+    let beside = path.join(gmns::DEMAND);
+    let (beside, expected) = match Format::of(path)? {
+        Format::Sumo => {
+            let trips = given(trips, "SUMO trips or routes for the network file")?;
+            return import_sumo(path, trips, options);
+        }
+        Format::Gmns => (
+            beside.exists().then_some(beside.as_path()),
+            "a table o_zone_id,d_zone_id,volume, or demand.csv in the folder of the network",
+        ),
+        Format::Tntp => (None, "a TNTP trip table for the network file"),
+    };
+    let trips = given(trips.or(beside), expected)?;
+    let ImportedNetwork {
+        network,
+        roads,
+        mut report,
+    } = import_network(path, options)?;
+    let matrix = options.matrix.as_deref();
+    Ok(Import {
+        trips: ImportedDemand::read(trips, &network, &[], matrix, &mut report)?,
+        network,
+        roads,
+        report,
+    })
+}
+
+/// Reads a network for demands that are read [beside it](ImportedDemand::read).
+///
+/// # Errors
+/// What is wrong with a file, an option that the format has no use for, and a SUMO network, whose zones are what its trips name.
+pub fn import_network(path: &Path, options: &ImportOptions) -> Result<ImportedNetwork> {
     let format = Format::of(path)?;
     options.check(format)?;
     let mut report = ImportReport::default();
     match format {
+        Format::Sumo => Err(Error::input(
+            path.display(),
+            "a SUMO network",
+            "a TNTP or GMNS network: SUMO's zones are what its trips name",
+        )),
         Format::Gmns => {
             let folder = gmns::Folder::read(path)?;
-            let beside = path.join(gmns::DEMAND);
-            let trips = trips.or_else(|| beside.exists().then_some(beside.as_path()));
-            let trips = given(
-                trips,
-                "a table o_zone_id,d_zone_id,volume, or demand.csv in the folder of the network",
-            )?;
             let read = gmns::read(&folder, options, &mut report)?;
-            let demand = Tabled::read(trips, &read.network, options, &mut report)?;
             let roads = RoadData {
                 shapes: read.shapes,
                 names: read.road_names,
                 length: Some(read.length),
                 seconds: format.seconds_per_unit(),
             };
-            Ok(finish(read.network, demand, roads, report))
-        }
-        Format::Sumo => {
-            let trips = given(trips, "SUMO trips or routes for the network file")?;
-            import_sumo(path, trips, options, report)
+            Ok(ImportedNetwork {
+                network: read.network,
+                roads,
+                report,
+            })
         }
         Format::Tntp => {
-            let trips = given(trips, "a TNTP trip table for the network file")?;
             let mut network = tntp::read_network(&text::read(path)?, options.weights)?;
             tntp_report(&network, &mut report);
             if let Some(turns) = options.turns.as_deref().filter(|_| !options.without_turns) {
                 network = with_turns(&network, &text::read(turns)?, options.weights, &mut report)?;
             }
-            let demand = Tabled::read(trips, &network, options, &mut report)?;
-            Ok(finish(network, demand, RoadData::unknown(format), report))
+            Ok(ImportedNetwork {
+                network,
+                roads: RoadData::unknown(format),
+                report,
+            })
         }
     }
 }
@@ -350,137 +277,32 @@ fn given<'p>(trips: Option<&'p Path>, expected: &str) -> Result<&'p Path> {
     trips.ok_or_else(|| Error::input("trips", "none", expected))
 }
 
-fn import_sumo(
-    path: &Path,
-    trips: &Path,
-    options: &ImportOptions,
-    mut report: ImportReport,
-) -> Result<Import> {
+fn import_sumo(path: &Path, trips: &Path, options: &ImportOptions) -> Result<Import> {
+    options.check(Format::Sumo)?;
+    let mut report = ImportReport::default();
     let net = text::read(path)?;
     let taz = options.taz.as_deref().map(text::read).transpose()?;
-    if options.without_turns {
+    let (network, demand, roads) = if options.without_turns {
         let read = sumo::read_junctions(&net, &sumo::LaneModel::default(), options, &mut report)?;
         let demand = read.trips_between_junctions(&text::read(trips)?, &mut report)?;
-        let demand = Tabled {
-            demand,
-            unknown: Vec::new(),
+        (read.network, demand, RoadData::unknown(Format::Sumo))
+    } else {
+        let read = sumo::read(&net, trips, taz.as_ref(), options, &mut report)?;
+        let demand = Demand::new(read.network.numbering().zones, &read.trips)?;
+        let roads = RoadData {
+            shapes: read.shapes,
+            names: read.road_names,
+            length: Some(Length::Metre),
+            seconds: Format::Sumo.seconds_per_unit(),
         };
-        let roads = RoadData::unknown(Format::Sumo);
-        return Ok(finish(read.network, demand, roads, report));
-    }
-    let read = sumo::read(&net, trips, taz.as_ref(), options, &mut report)?;
-    let demand = Tabled {
-        demand: Demand::new(read.network.numbering().zones, &read.trips)?,
-        unknown: Vec::new(),
+        (read.network, demand, roads)
     };
-    let roads = RoadData {
-        shapes: read.shapes,
-        names: read.road_names,
-        length: Some(Length::Metre),
-        seconds: Format::Sumo.seconds_per_unit(),
-    };
-    Ok(finish(read.network, demand, roads, report))
-}
-
-/// A demand by names of zones.
-struct Tabled {
-    demand: Demand,
-    unknown: Vec<UnknownZone>,
-}
-
-impl Tabled {
-    /// Reads a demand in any format of tables: the content decides.
-    fn read(
-        path: &Path,
-        network: &Network,
-        options: &ImportOptions,
-        report: &mut ImportReport,
-    ) -> Result<Self> {
-        let count = network.numbering().zones;
-        let mut zones = Zones::of(network);
-        if let Some(trips) = read_matrix(path, options, &mut zones, report)? {
-            return Ok(Self {
-                demand: Demand::new(count, &trips)?,
-                unknown: zones.unknown().to_vec(),
-            });
-        }
-        let text = text::read(path)?;
-        if !tntp::is_tntp(&text.text) {
-            let trips = read_csv(&text, &mut zones, report)?;
-            return Ok(Self {
-                demand: Demand::new(count, &trips)?,
-                unknown: zones.unknown().to_vec(),
-            });
-        }
-        let numbers_are_names = (1..=count).all(|zone| network.zone_name(zone) == zone.to_string());
-        if numbers_are_names {
-            return Ok(Self {
-                demand: tntp::read_trips(&text, count)?,
-                unknown: Vec::new(),
-            });
-        }
-        let trips = tntp::read_trips_by_name(&text, &mut zones)?;
-        Ok(Self {
-            demand: Demand::new(count, &trips)?,
-            unknown: zones.unknown().to_vec(),
-        })
-    }
-}
-
-/// The trips of an OMX file; none if it is another one.
-///
-/// # Errors
-/// What is wrong with it, and a name of a matrix beside a file that has none.
-pub(crate) fn read_matrix(
-    path: &Path,
-    options: &ImportOptions,
-    zones: &mut Zones<'_>,
-    report: &mut ImportReport,
-) -> Result<Option<Vec<Trip>>> {
-    #[cfg(feature = "omx")]
-    if crate::omx::is_omx(path)? {
-        let trips = crate::omx::read(path, options.matrix.as_deref(), zones, report)?;
-        return Ok(Some(trips));
-    }
-    let _unused = (path, zones, report);
-    match &options.matrix {
-        Some(name) => Err(Error::input(
-            "matrix",
-            format!("`{name}`"),
-            "none beside trips that are no OMX file",
-        )),
-        None => Ok(None),
-    }
-}
-
-/// Finds the trips that cannot be made.
-fn finish(
-    network: Network,
-    Tabled { demand, unknown }: Tabled,
-    roads: RoadData,
-    report: ImportReport,
-) -> Import {
-    let unreachable = reach::unreachable(&network, &demand);
-    let no_path = unreachable.iter().map(|trip| LostTrips {
-        origin: network.zone_name(trip.origin).into_owned(),
-        destination: network.zone_name(trip.destination).into_owned(),
-        volume: trip.volume,
-        why: NO_PATH,
-    });
-    let no_zone = unknown.into_iter().map(|unknown| LostTrips {
-        origin: unknown.place,
-        destination: unknown.zone,
-        volume: unknown.volume,
-        why: NO_ZONE,
-    });
-    Import {
-        lost: no_path.chain(no_zone).collect(),
+    Ok(Import {
+        trips: ImportedDemand::new(&network, demand, Vec::new(), &[]),
         network,
-        demand,
         roads,
         report,
-        unreachable,
-    }
+    })
 }
 
 fn tntp_report(network: &Network, report: &mut ImportReport) {

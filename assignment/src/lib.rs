@@ -21,15 +21,16 @@
 //!
 //! # The rooms
 //! * [`network`], [`demand`], [`volume_delay`]: the problem, its links in `link_rows`; [`formats`] reads it
-//!   from files of [`tntp`], [`gmns`] and [`sumo`], with the help of `csv_table`, `xml`, [`text`] and [`units`], demand in
-//!   `demand_table` and [`omx`], and turns in `turn_table`; `road_plan` makes a network of roads, turns and zones; a
+//!   from files of [`tntp`], [`gmns`] and [`sumo`], with the help of `csv_table`, `xml`, [`text`] and [`units`], demand by
+//!   [`imported_demand`] in `demand_table` and [`omx`], and turns in `turn_table`; `road_plan` makes a network of roads, turns and zones; a
 //!   [`report`] says what was assumed, [`reach`] which trips have no path; [`grid`] builds one.
 //! * [`coordinates`]: where its nodes lie.
 //! * [`shortest_path`] with its `heap`, `all_or_nothing`, `line_search`: what every algorithm stands on.
 //! * `frank_wolfe`: link flows only, sensible to a gap of about 1e-4; `path_based`: linear convergence to
 //!   1e-12, its Newton steps in `path_shift` and, for all pairs at once, in `newton`; an origin's paths in `path_tree` and
 //!   `origin_paths`.
-//! * [`classes`]: several kinds of vehicles on the same roads.
+//! * [`classes`]: several kinds of vehicles on the same roads; [`link_table`] says what they pay and where they may not drive,
+//!   which vehicles are there anyway, and delay functions; tables find links in `link_names`.
 //! * [`path_flows`], [`skims`], [`select_link`], [`convergence`]: results as numbers and as files; path flows are also
 //!   where the next solve can start, see [`assign_from`]; an [`Assigner`] keeps more than these and starts faster.
 //! * [`check`]: judges any link flows, by other means than the solvers use; [`flow_table`] reads those of other programs.
@@ -63,9 +64,15 @@ pub mod gmns;
 pub mod grid;
 mod heap;
 mod hyperbola;
+#[cfg(feature = "formats")]
+pub mod imported_demand;
 mod line_search;
 pub mod link;
+#[cfg(feature = "formats")]
+mod link_names;
 mod link_rows;
+#[cfg(feature = "formats")]
+pub mod link_table;
 pub mod network;
 mod newton;
 #[cfg(feature = "omx")]
@@ -103,7 +110,7 @@ pub use classes::{ClassFlows, ClassSolution, VehicleClass, assign_classes};
 pub use demand::{Demand, Trip};
 pub use kit::error::{Error, Result};
 pub use kit::files::Text;
-pub use link::{CostWeights, Link, NodeNumbering};
+pub use link::{CostWeights, DelayFunction, Link, NodeNumbering};
 pub use network::{Names, Network};
 pub use path_flows::{PathFlow, PathFlows};
 pub use volume_delay::VolumeDelay;

@@ -28,13 +28,71 @@ pub struct Link {
     pub toll: f64,
 }
 
+/// How a link's travel time grows with its flow. The formulas stand in [`volume_delay`](crate::volume_delay).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum DelayFunction {
+    /// BPR, with the link's own B and power.
+    #[default]
+    Bpr,
+    /// Conical, of this steepness, more than 1. The link's own B and power count for nothing.
+    Conical {
+        /// Spiess' alpha.
+        alpha: f64,
+    },
+    /// Time-dependent, after Akcelik. The link's own B and power count for nothing.
+    Akcelik {
+        /// His J, from 0.1 on a motorway to 1.6 on a street with much friction.
+        delay_parameter: f64,
+        /// Length of the time in which demand and capacity count vehicles, in units of the free-flow time.
+        period: f64,
+    },
+}
+
+impl DelayFunction {
+    /// Refuses parameters that give no function.
+    ///
+    /// # Errors
+    /// [`Error::Input`] at `place`.
+    pub fn check(&self, place: &str) -> Result<()> {
+        match *self {
+            Self::Bpr => Ok(()),
+            Self::Conical { alpha } if alpha.is_finite() && alpha > 1.0 => Ok(()),
+            Self::Conical { alpha } => Err(Error::input(
+                format!("{place}: alpha of the conical function"),
+                alpha,
+                "a finite number, more than 1",
+            )),
+            Self::Akcelik {
+                delay_parameter,
+                period,
+            } => {
+                check_not_negative(&format!("{place}: Akcelik's J"), delay_parameter)?;
+                if period.is_finite() && period > 0.0 {
+                    return Ok(());
+                }
+                Err(Error::input(
+                    format!("{place}: period of Akcelik's function"),
+                    period,
+                    "a positive number",
+                ))
+            }
+        }
+    }
+}
+
 impl Link {
     /// The link's volume-delay function with toll and distance weighed in.
     ///
     /// # Errors
     /// [`Error::Input`] at `place` for an attribute that is negative or not finite, a capacity of 0 on a link that can
-    /// congest, or a coefficient `free_flow_time b / capacity^power` beyond floating point.
-    pub fn volume_delay(&self, weights: CostWeights, place: &str) -> Result<VolumeDelay> {
+    /// congest, parameters that give no function, or coefficients beyond floating point, such as `free_flow_time b /
+    /// capacity^power`.
+    pub fn volume_delay(
+        &self,
+        function: DelayFunction,
+        weights: CostWeights,
+        place: &str,
+    ) -> Result<VolumeDelay> {
         for (name, value) in [
             ("capacity", self.capacity),
             ("length", self.length),
@@ -45,16 +103,28 @@ impl Link {
         ] {
             check_not_negative(&format!("{place}: {name}"), value)?;
         }
-        let congests = self.free_flow_time > 0.0 && self.b > 0.0 && self.power > 0.0;
+        function.check(place)?;
+        let (congests, reason) = match function {
+            DelayFunction::Bpr => (self.congests(), "b, power and free_flow_time are positive"),
+            DelayFunction::Conical { .. } => (self.free_flow_time > 0.0, "free_flow_time is positive"),
+            DelayFunction::Akcelik { delay_parameter, .. } => {
+                (delay_parameter > 0.0, "Akcelik's J is positive")
+            }
+        };
         if congests && self.capacity == 0.0 {
-            return Err(Error::input(
-                format!("{place}: capacity"),
-                0,
-                "a positive number where b, power and free_flow_time are positive",
-            ));
+            let expected = format!("a positive number where {reason}");
+            return Err(Error::input(format!("{place}: capacity"), 0, expected));
         }
         let fixed_cost = weights.toll * self.toll + weights.distance * self.length;
-        let delay = VolumeDelay::bpr(self.free_flow_time, self.b, self.capacity, self.power, fixed_cost);
+        let (free, capacity) = (self.free_flow_time, self.capacity);
+        let delay = match function {
+            DelayFunction::Bpr => VolumeDelay::bpr(free, self.b, capacity, self.power, fixed_cost),
+            DelayFunction::Conical { alpha } => VolumeDelay::conical(free, alpha, capacity, fixed_cost),
+            DelayFunction::Akcelik {
+                delay_parameter,
+                period,
+            } => VolumeDelay::akcelik(free, delay_parameter, capacity, period, fixed_cost),
+        };
         if delay.is_finite() {
             Ok(delay)
         } else {
@@ -64,6 +134,11 @@ impl Link {
                 "attributes of a usual size",
             ))
         }
+    }
+
+    /// Whether the link's file lets its travel time grow with its flow: connectors do not.
+    pub fn congests(&self) -> bool {
+        self.free_flow_time > 0.0 && self.b > 0.0 && self.power > 0.0
     }
 }
 

@@ -1,6 +1,6 @@
 //! The road network: directed links in file order, and the outgoing links of each node in compressed rows.
 
-use crate::link::{CostWeights, Link, NodeNumbering, check_not_negative};
+use crate::link::{CostWeights, DelayFunction, Link, NodeNumbering, check_not_negative};
 use crate::link_rows::{LinkRows, OutgoingLink, dead_ends};
 use crate::volume_delay::VolumeDelay;
 use kit::error::{Error, Result};
@@ -27,6 +27,8 @@ pub struct Network {
     /// So many of the first links are roads; behind them come connectors and turns.
     roads: usize,
     volume_delays: Vec<VolumeDelay>,
+    /// How each link's time grows with its flow; empty where all are BPR.
+    delay_functions: Vec<DelayFunction>,
     /// Vehicles that use each link whatever happens; empty where there are none.
     preloads: Vec<f64>,
     /// Index from 0 of the node that each link leaves: paths are traced often, and links are large.
@@ -60,7 +62,7 @@ impl Network {
             let place = format!("link {}", index + 1);
             numbering.check_node(&place, "init_node", link.init_node)?;
             numbering.check_node(&place, "term_node", link.term_node)?;
-            volume_delays.push(link.volume_delay(weights, &place)?);
+            volume_delays.push(link.volume_delay(DelayFunction::Bpr, weights, &place)?);
         }
         let dead_ends = dead_ends(numbering, &links);
         let leads_on = |&link: &u32| !dead_ends[links[link as usize].term_node as usize - 1];
@@ -78,6 +80,7 @@ impl Network {
             roads: links.len(),
             links,
             volume_delays,
+            delay_functions: Vec::new(),
             preloads: Vec::new(),
         })
     }
@@ -110,9 +113,30 @@ impl Network {
             }
             let link = &mut network.links[index];
             link.capacity = capacity;
-            network.volume_delays[index] = link.volume_delay(self.weights, &place)?;
+            let function = self.delay_function(index);
+            network.volume_delays[index] = link.volume_delay(function, self.weights, &place)?;
         }
         Ok(network)
+    }
+
+    /// The same roads with other delay functions, one per link in file order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another number of functions than of links, or one that [`Link::volume_delay`] refuses.
+    pub fn with_delay_functions(mut self, functions: Vec<DelayFunction>) -> Result<Self> {
+        if functions.len() != self.links.len() {
+            let expected = format!("{}, one per link", self.links.len());
+            return Err(Error::input("delay functions", functions.len(), expected));
+        }
+        self.delay_functions = functions;
+        self.volume_delays = self.delays(self.weights)?;
+        Ok(self)
+    }
+
+    /// How the time on a link, given by index from 0, grows with its flow.
+    #[inline]
+    pub fn delay_function(&self, link: usize) -> DelayFunction {
+        self.delay_functions.get(link).copied().unwrap_or_default()
     }
 
     /// The same roads with vehicles on them that no demand accounts for, such as buses and through traffic: so many passenger
@@ -238,9 +262,17 @@ impl Network {
 
     /// The links' volume-delay functions without toll and distance.
     pub(crate) fn times(&self) -> Result<Vec<VolumeDelay>> {
-        let links = (1..).zip(&self.links);
+        self.delays(CostWeights::default())
+    }
+
+    /// The links' volume-delay functions where toll and distance cost so much.
+    fn delays(&self, weights: CostWeights) -> Result<Vec<VolumeDelay>> {
+        let links = self.links.iter().enumerate();
         links
-            .map(|(number, link)| link.volume_delay(CostWeights::default(), &format!("link {number}")))
+            .map(|(index, link)| {
+                let function = self.delay_function(index);
+                link.volume_delay(function, weights, &format!("link {}", index + 1))
+            })
             .collect()
     }
 

@@ -165,7 +165,7 @@ fn list_names(dataset: &Dataset) -> Option<Vec<String>> {
 ///
 /// # Errors
 /// [`Error::Input`] for zones without whole numbers, or matrices that the format cannot hold.
-pub fn format(zones: &[String], matrices: &[(&str, Vec<f64>)]) -> Result<Vec<u8>> {
+pub fn format<Name: AsRef<str>>(zones: &[String], matrices: &[(Name, Vec<f64>)]) -> Result<Vec<u8>> {
     let numbers: Option<Vec<i64>> = zones.iter().map(|name| name.parse().ok()).collect();
     let numbers = numbers.ok_or_else(|| {
         Error::input(
@@ -181,7 +181,7 @@ pub fn format(zones: &[String], matrices: &[(&str, Vec<f64>)]) -> Result<Vec<u8>
     let mut data = builder.create_group("data");
     for (name, values) in matrices {
         let dataset = data
-            .create_dataset(name)
+            .create_dataset(name.as_ref())
             .with_f64_data(values)
             .with_shape(&[count, count]);
         let _same = dataset

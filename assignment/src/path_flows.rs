@@ -1,5 +1,6 @@
 //! Path flows: which ways the trips of each pair of zones take, as a result, as a file, and as a start for the next solve.
 
+use crate::classes::ClassFlows;
 use crate::csv_rows::csv_rows;
 use crate::demand::Demand;
 use crate::network::Network;
@@ -11,6 +12,9 @@ use std::fmt::{Display, Write as _};
 
 /// First line of a path file.
 pub const HEADER: &str = "origin,destination,volume,cost,links";
+
+/// First line of a path file of several classes.
+pub const CLASS_HEADER: &str = "class,origin,destination,volume,cost,links";
 
 /// Stands for indices beyond those of any network's links.
 const NO_LINK: u32 = i32::MAX as u32;
@@ -254,6 +258,22 @@ pub fn link_flows(network: &Network, path_flows: &PathFlows) -> Vec<f64> {
 /// them, numbers with all their digits.
 pub fn format_paths(network: &Network, path_flows: &PathFlows, link_costs: &[f64]) -> String {
     let mut text = format!("{HEADER}\n");
+    push_paths(&mut text, network, "", path_flows, link_costs);
+    text
+}
+
+/// The paths of all classes, class by class, each row with its class first.
+pub fn format_class_paths(network: &Network, classes: &[ClassFlows]) -> String {
+    let mut text = format!("{CLASS_HEADER}\n");
+    for class in classes {
+        let first = format!("{},", class.name);
+        push_paths(&mut text, network, &first, &class.path_flows, &class.link_costs);
+    }
+    text
+}
+
+/// Appends a row for each path, which begins with `first`.
+fn push_paths(text: &mut String, network: &Network, first: &str, path_flows: &PathFlows, link_costs: &[f64]) {
     for path in path_flows {
         let (origin, destination) = (
             network.zone_name(path.origin),
@@ -261,14 +281,13 @@ pub fn format_paths(network: &Network, path_flows: &PathFlows, link_costs: &[f64
         );
         let cost = path.cost(link_costs);
         // Writing to a string cannot fail.
-        let _ = write!(text, "{origin},{destination},{},{cost},", path.volume);
+        let _ = write!(text, "{first}{origin},{destination},{},{cost},", path.volume);
         for (index, link) in path.links.iter().enumerate() {
             let blank = if index == 0 { "" } else { " " };
             let _ = write!(text, "{blank}{}", link + 1);
         }
         text.push('\n');
     }
-    text
 }
 
 /// Reads a path file. Its costs are not believed, nor looked at.
@@ -278,31 +297,58 @@ pub fn format_paths(network: &Network, path_flows: &PathFlows, link_costs: &[f64
 /// that is no number, or a path that [`PathFlow::check`] refuses.
 pub fn read_paths(text: &Text, network: &Network) -> Result<PathFlows> {
     let zones = network.zone_numbers();
-    let path = |row: Result<(String, [&str; 5])>| {
-        let (place, [origin, destination, volume, _cost, links]) = row?;
-        let bad = |column: &str, found: &str, expected: &str| {
-            Error::input(format!("{place}: {column}"), format!("`{found}`"), expected)
-        };
-        let zone = |column: &str, text: &str| {
-            let number = zones.get(text).copied();
-            number.ok_or_else(|| bad(column, text, "a zone of the network"))
-        };
-        let link = |text: &str| {
-            let number = text.parse::<u32>().ok().filter(|&number| number > 0);
-            number
-                .map(|number| number - 1)
-                .ok_or_else(|| bad("links", text, "numbers of links, from 1"))
-        };
-        let path = PathFlow {
-            origin: zone("origin", origin)?,
-            destination: zone("destination", destination)?,
-            volume: volume.parse().map_err(|_| bad("volume", volume, "a number"))?,
-            links: links.split_whitespace().map(link).collect::<Result<_>>()?,
-        };
-        path.check(network, &place)?;
-        Ok(path)
+    let rows = csv_rows(text, HEADER)?;
+    rows.map(|row| row.and_then(|(place, fields)| path_of(&place, fields, network, &zones)))
+        .collect()
+}
+
+/// Reads the paths of the classes of these names, as [`format_class_paths`] wrote them.
+///
+/// # Errors
+/// As [`read_paths`], and for a class of another name.
+pub fn read_class_paths(text: &Text, network: &Network, classes: &[&str]) -> Result<Vec<PathFlows>> {
+    let zones = network.zone_numbers();
+    let mut paths = vec![Vec::new(); classes.len()];
+    for row in csv_rows(text, CLASS_HEADER)? {
+        let (place, [class, origin, destination, volume, cost, links]) = row?;
+        let index = classes.iter().position(|name| *name == class).ok_or_else(|| {
+            let expected = format!("one of {}", classes.join(", "));
+            Error::input(format!("{place}: class"), format!("`{class}`"), expected)
+        })?;
+        let fields = [origin, destination, volume, cost, links];
+        paths[index].push(path_of(&place, fields, network, &zones)?);
+    }
+    Ok(paths.into_iter().map(PathFlows::from_iter).collect())
+}
+
+/// The path of a row.
+fn path_of(
+    place: &str,
+    [origin, destination, volume, _cost, links]: [&str; 5],
+    network: &Network,
+    zones: &HashMap<String, u32>,
+) -> Result<PathFlow> {
+    let bad = |column: &str, found: &str, expected: &str| {
+        Error::input(format!("{place}: {column}"), format!("`{found}`"), expected)
     };
-    csv_rows(text, HEADER)?.map(path).collect()
+    let zone = |column: &str, text: &str| {
+        let number = zones.get(text).copied();
+        number.ok_or_else(|| bad(column, text, "a zone of the network"))
+    };
+    let link = |text: &str| {
+        let number = text.parse::<u32>().ok().filter(|&number| number > 0);
+        number
+            .map(|number| number - 1)
+            .ok_or_else(|| bad("links", text, "numbers of links, from 1"))
+    };
+    let path = PathFlow {
+        origin: zone("origin", origin)?,
+        destination: zone("destination", destination)?,
+        volume: volume.parse().map_err(|_| bad("volume", volume, "a number"))?,
+        links: links.split_whitespace().map(link).collect::<Result<_>>()?,
+    };
+    path.check(network, place)?;
+    Ok(path)
 }
 
 /// Whether the paths carry each pair's demand, within `tolerance` of it.

@@ -3,12 +3,17 @@
 use crate::demand::{Demand, Trip};
 use crate::network::Network;
 
-/// The trips of `demand` whose destination no path reaches, by ascending origin and destination.
+/// The trips of `demand` whose destination no path reaches without `banned_links`, given as indices from 0; by ascending origin
+/// and destination.
 ///
 /// Most networks are one piece: what leads into it and out of it is found with two searches. One search for each origin is
 /// left only for the pairs that this does not settle.
-pub fn unreachable(network: &Network, demand: &Demand) -> Vec<Trip> {
-    let core = Core::new(network);
+pub fn unreachable(network: &Network, demand: &Demand, banned_links: &[u32]) -> Vec<Trip> {
+    let mut open = vec![true; network.links().len()];
+    for &link in banned_links {
+        open[link as usize] = false;
+    }
+    let core = Core::new(network, &open);
     let mut reached = Vec::new();
     let mut searched = None;
     let mut lost = Vec::new();
@@ -39,16 +44,16 @@ struct Core {
 
 impl Core {
     /// The piece around the node with the most links: that is in the largest piece almost always.
-    fn new(network: &Network) -> Self {
+    fn new(network: &Network, open: &[bool]) -> Self {
         let numbering = network.numbering();
         let mut degrees = vec![0_u32; numbering.nodes as usize];
-        for link in network.links() {
+        for (link, _) in network.links().iter().zip(open).filter(|(_, open)| **open) {
             degrees[link.init_node as usize - 1] += 1;
             degrees[link.term_node as usize - 1] += 1;
         }
         let first = numbering.first_thru_node as usize - 1;
         let centre = (first..degrees.len()).max_by_key(|&node| degrees[node]);
-        let along = Links::of(network, true);
+        let along = Links::of(network, open, true);
         let Some(centre) = centre else {
             let nothing = vec![false; degrees.len()];
             return Self {
@@ -58,7 +63,7 @@ impl Core {
             };
         };
         Self {
-            from: search(network, centre, &Links::of(network, false)),
+            from: search(network, centre, &Links::of(network, open, false)),
             into: search(network, centre, &along),
             along,
         }
@@ -72,9 +77,10 @@ struct Links {
 }
 
 impl Links {
-    fn of(network: &Network, along: bool) -> Self {
+    fn of(network: &Network, open: &[bool], along: bool) -> Self {
         let pairs = || {
-            network.links().iter().map(move |link| {
+            let links = network.links().iter().zip(open).filter(|(_, open)| **open);
+            links.map(move |(link, _)| {
                 if along {
                     (link.init_node, link.term_node)
                 } else {
@@ -90,7 +96,7 @@ impl Links {
             first[node] += first[node - 1];
         }
         let mut next = first.clone();
-        let mut ends = vec![0; network.links().len()];
+        let mut ends = vec![0; first[first.len() - 1] as usize];
         for (node, end) in pairs() {
             let slot = &mut next[node as usize - 1];
             ends[*slot as usize] = end - 1;

@@ -74,8 +74,14 @@ pub fn select_links(path_flows: &PathFlows, links: &[u32]) -> Vec<SelectedPair> 
     shares.collect()
 }
 
-/// The rows of a select-link file for the links from one node to another, without the [`HEADER`].
-pub fn format_rows(network: &Network, init_node: &str, term_node: &str, selected: &[SelectedPair]) -> String {
+/// The rows of a select-link file for the links from one node to another, without the [`HEADER`]; each begins with `first`.
+pub fn format_rows(
+    network: &Network,
+    first: &str,
+    init_node: &str,
+    term_node: &str,
+    selected: &[SelectedPair],
+) -> String {
     let mut text = String::new();
     for pair in selected {
         let (origin, destination) = (
@@ -85,7 +91,7 @@ pub fn format_rows(network: &Network, init_node: &str, term_node: &str, selected
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{init_node},{term_node},{origin},{destination},{},{}",
+            "{first}{init_node},{term_node},{origin},{destination},{},{}",
             pair.volume, pair.share
         );
     }

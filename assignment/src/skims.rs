@@ -1,5 +1,7 @@
 //! Skims: what the cheapest way between each two zones costs, and what of it is time, length and toll.
 
+use crate::classes::VehicleClass;
+use crate::link::CostWeights;
 use crate::network::Network;
 use crate::shortest_path::{SearchOrder, ShortestPathTree};
 use kit::error::{Error, Result};
@@ -31,15 +33,39 @@ pub struct Skim {
 /// # Errors
 /// [`Error::Input`] for another number of costs than of links, or one that is negative or not finite.
 pub fn skims(network: &Network, link_costs: &[f64]) -> Result<Vec<Skim>> {
+    let tolls = network.links().iter().map(|link| link.toll).collect();
+    check_costs(network, link_costs)?;
+    Ok(cheapest(network, link_costs, tolls, network.weights()))
+}
+
+/// The same for a class: at its own costs and tolls, without its banned links.
+///
+/// # Errors
+/// As [`skims`].
+pub fn class_skims(network: &Network, class: &VehicleClass, link_costs: &[f64]) -> Result<Vec<Skim>> {
+    check_costs(network, link_costs)?;
+    let mut costs = link_costs.to_vec();
+    for &link in &class.banned_links {
+        costs[link as usize] = f64::INFINITY;
+    }
+    let own = || network.links().iter().map(|link| link.toll).collect();
+    let tolls = class.tolls.clone().unwrap_or_else(own);
+    Ok(cheapest(network, &costs, tolls, class.weights))
+}
+
+fn check_costs(network: &Network, link_costs: &[f64]) -> Result<()> {
     if link_costs.len() != network.links().len() {
         let expected = format!("{}, one per link", network.links().len());
         return Err(Error::input("link costs", link_costs.len(), expected));
     }
-    for (number, &cost) in (1..).zip(link_costs) {
-        crate::link::check_not_negative(&format!("link {number}: cost"), cost)?;
-    }
+    (1..).zip(link_costs).try_for_each(|(number, &cost)| {
+        crate::link::check_not_negative(&format!("link {number}: cost"), cost)
+    })
+}
+
+/// The cheapest ways at checked costs; links of infinite cost are closed.
+fn cheapest(network: &Network, link_costs: &[f64], tolls: Vec<f64>, weights: CostWeights) -> Vec<Skim> {
     let zones = network.numbering().zones;
-    let weights = network.weights();
     let mut tree = ShortestPathTree::new(network);
     let mut links = Vec::new();
     let mut skims = Vec::new();
@@ -60,22 +86,38 @@ pub fn skims(network: &Network, link_costs: &[f64]) -> Result<Vec<Skim>> {
                 toll: 0.0,
             };
             for &link in links.iter().rev() {
-                let way = &network.links()[link as usize];
-                let fixed = weights.toll * way.toll + weights.distance * way.length;
+                let length = network.links()[link as usize].length;
+                let toll = tolls[link as usize];
+                let fixed = weights.toll * toll + weights.distance * length;
                 // Rounding can take a connector that costs nothing but its length below 0.
                 skim.time += (link_costs[link as usize] - fixed).max(0.0);
-                skim.length += way.length;
-                skim.toll += way.toll;
+                skim.length += length;
+                skim.toll += toll;
             }
             skims.push(skim);
         }
     }
-    Ok(skims)
+    skims
 }
 
 /// Skims as a file, zones by their names.
 pub fn format_skims(network: &Network, skims: &[Skim]) -> String {
     let mut text = format!("{HEADER}\n");
+    push_skims(&mut text, network, "", skims);
+    text
+}
+
+/// Skims of several classes, by name, as a file: each row has its class first.
+pub fn format_class_skims(network: &Network, classes: &[(&str, Vec<Skim>)]) -> String {
+    let mut text = format!("class,{HEADER}\n");
+    for (class, skims) in classes {
+        push_skims(&mut text, network, &format!("{class},"), skims);
+    }
+    text
+}
+
+/// Appends a row for each, which begins with `first`.
+fn push_skims(text: &mut String, network: &Network, first: &str, skims: &[Skim]) {
     for skim in skims {
         let (origin, destination) = (
             network.zone_name(skim.origin),
@@ -84,25 +126,24 @@ pub fn format_skims(network: &Network, skims: &[Skim]) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{origin},{destination},{},{},{},{}",
+            "{first}{origin},{destination},{},{},{},{}",
             skim.cost, skim.time, skim.length, skim.toll
         );
     }
-    text
 }
 
 /// Skims as an OMX file with the matrices `cost`, `time`, `length` and `toll`; no number between zones that no path joins, 0
-/// within a zone.
+/// within a zone. Those of several classes come with their names: `cost_lorry`.
 ///
 /// # Errors
 /// As [`crate::omx::format`].
 #[cfg(feature = "omx")]
-pub fn format_omx(network: &Network, skims: &[Skim]) -> Result<Vec<u8>> {
+pub fn format_omx(network: &Network, classes: &[(&str, Vec<Skim>)]) -> Result<Vec<u8>> {
     let count = network.numbering().zones as usize;
     let zones: Vec<String> = (1..=count as u32)
         .map(|zone| network.zone_name(zone).into_owned())
         .collect();
-    let matrix = |value: fn(&Skim) -> f64| {
+    let matrix = |skims: &[Skim], value: fn(&Skim) -> f64| {
         let mut values = vec![f64::NAN; count * count];
         for zone in 0..count {
             values[zone * count + zone] = 0.0;
@@ -112,11 +153,18 @@ pub fn format_omx(network: &Network, skims: &[Skim]) -> Result<Vec<u8>> {
         }
         values
     };
-    let matrices = [
-        ("cost", matrix(|skim| skim.cost)),
-        ("time", matrix(|skim| skim.time)),
-        ("length", matrix(|skim| skim.length)),
-        ("toll", matrix(|skim| skim.toll)),
-    ];
+    let mut matrices = Vec::new();
+    for (class, skims) in classes {
+        let ending = if class.is_empty() {
+            String::new()
+        } else {
+            format!("_{class}")
+        };
+        let mut push = |name: &str, value| matrices.push((format!("{name}{ending}"), matrix(skims, value)));
+        push("cost", |skim| skim.cost);
+        push("time", |skim| skim.time);
+        push("length", |skim| skim.length);
+        push("toll", |skim| skim.toll);
+    }
     crate::omx::format(&zones, &matrices)
 }

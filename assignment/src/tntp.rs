@@ -6,7 +6,7 @@
 
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
-use crate::link::{CostWeights, Link, NodeNumbering, check_not_negative};
+use crate::link::{CostWeights, DelayFunction, Link, NodeNumbering, check_not_negative};
 use crate::network::Network;
 use kit::error::{Error, Result};
 use kit::files::Text;
@@ -51,7 +51,7 @@ pub fn read_network(Text { name, text }: &Text, weights: CostWeights) -> Result<
         let link = parse_link(&place, line, columns.unwrap_or_default())?;
         numbering.check_node(&place, "init_node", link.init_node)?;
         numbering.check_node(&place, "term_node", link.term_node)?;
-        link.volume_delay(weights, &place)?;
+        link.volume_delay(DelayFunction::Bpr, weights, &place)?;
         links.push(link);
     }
     if links.len() != stated_links {

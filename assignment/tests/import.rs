@@ -3,7 +3,8 @@
 // Helpers are no `#[test]` functions, but unwrap as freely.
 #![allow(clippy::unwrap_used)]
 
-use assignment::formats::{Import, ImportOptions, Unreachable, format_lost, import};
+use assignment::formats::{Import, ImportOptions, import};
+use assignment::imported_demand::{Unreachable, format_lost};
 use assignment::report::NoteKind;
 use assignment::units::Length;
 use assignment::{Options, Solution, assign, gmns};
@@ -29,7 +30,7 @@ fn solve(import: &Import) -> Solution {
         gap: 1e-12,
         ..Options::default()
     };
-    assign(&import.network, &import.demand, &options).unwrap()
+    assign(&import.network, &import.trips.demand, &options).unwrap()
 }
 
 fn close_to(found: f64, expected: f64) {
@@ -225,7 +226,7 @@ fn units_that_contradict_coordinates_are_refused() {
 fn trips_without_a_path_are_named_or_left_out() {
     let mut read = read("unreachable_net.tntp", "unreachable_trips.tntp");
     assert_eq!(
-        format_lost(&read.lost),
+        format_lost(&read.trips.lost),
         "origin,destination,volume,reason\n1,3,1,no path\n"
     );
     assert_eq!(
@@ -234,7 +235,7 @@ fn trips_without_a_path_are_named_or_left_out() {
          leaves them out, --unreachable-pairs lists all"
     );
     read.settle(Unreachable::Drop).unwrap();
-    assert_eq!((read.demand.pairs(), read.demand.total()), (1, 100.0));
+    assert_eq!((read.trips.demand.pairs(), read.trips.demand.total()), (1, 100.0));
     assert_eq!(solve(&read).link_flows, [100.0, 0.0]);
     // A zone that the network does not have.
     let folder = files(&[
@@ -251,7 +252,7 @@ fn trips_without_a_path_are_named_or_left_out() {
         "{failure}"
     );
     read.settle(Unreachable::Drop).unwrap();
-    assert_eq!(read.demand.total(), 10.0);
+    assert_eq!(read.trips.demand.total(), 10.0);
 }
 
 /// A square of two-way roads: 1 and 4 are opposite corners, 2 the quick way between them, 3 the slow one.
@@ -283,9 +284,12 @@ fn turns_of_a_table_are_banned_or_cost_time() {
     close_to(total("1,2,4,\n"), 10.0 * 6.0 + 2.0);
     // With the slow way closed as well, the trips turn round at the corner, which nothing forbids: 1-2-1-3-4 does not help.
     let cut = with_turns("1,2,4,\n1,3,4,\n").unwrap();
-    assert_eq!(cut.lost.len(), 1);
+    assert_eq!(cut.trips.lost.len(), 1);
     assert_eq!(
-        (cut.lost[0].origin.as_str(), cut.lost[0].destination.as_str()),
+        (
+            cut.trips.lost[0].origin.as_str(),
+            cut.trips.lost[0].destination.as_str()
+        ),
         ("1", "4")
     );
     let solution = solve(&with_turns("1,2,4,\n").unwrap());
@@ -334,7 +338,7 @@ fn a_network_with_turns_survives_the_way_through_gmns() {
     }
     std::fs::write(
         path("demand.csv"),
-        gmns::format_demand(&read.network, &read.demand),
+        gmns::format_demand(&read.network, &read.trips.demand),
     )
     .unwrap();
     let again = import(folder.path(), None, &ImportOptions::default()).unwrap();
@@ -385,6 +389,7 @@ fn demand_comes_as_pairs_or_as_a_matrix_beside_any_network() {
     for name in ["pairs.csv", "matrix.csv", "tazs.csv"] {
         let read = import(&net, Some(&folder.path().join(name)), &ImportOptions::default()).unwrap();
         let trips: Vec<_> = read
+            .trips
             .demand
             .trips()
             .map(|trip| (trip.origin, trip.destination, trip.volume))
@@ -395,7 +400,7 @@ fn demand_comes_as_pairs_or_as_a_matrix_beside_any_network() {
     let gmns = files(&[("node.csv", NODES), ("link.csv", LINKS)]);
     let trips = fixture("two_trips.tntp");
     let read = import(gmns.path(), Some(&trips), &ImportOptions::default()).unwrap();
-    assert_eq!(read.demand.total(), 100.0);
+    assert_eq!(read.trips.demand.total(), 100.0);
     let unknown = files(&[("trips.csv", "a,b,c,d\n1,2,3,4\n")]);
     let failure = message(import(
         &net,
@@ -408,10 +413,10 @@ fn demand_comes_as_pairs_or_as_a_matrix_beside_any_network() {
 #[test]
 fn cars_turn_where_sumo_has_a_connection() {
     let banned = read("sumo_turn/net.xml", "sumo_turn/trips.xml");
-    assert_eq!(banned.lost.len(), 1);
+    assert_eq!(banned.trips.lost.len(), 1);
     let flow = read("sumo_turn/net.xml", "sumo_turn/flow.xml");
-    assert!(flow.lost.is_empty());
-    assert_eq!(flow.demand.total(), 300.0);
+    assert!(flow.trips.lost.is_empty());
+    assert_eq!(flow.trips.demand.total(), 300.0);
     let solution = solve(&flow);
     let used = flow.roads.names.iter().zip(&solution.link_flows);
     let used: Vec<&str> = used
@@ -458,12 +463,15 @@ fn sumo_trips_lead_between_zones_of_edges_and_may_be_compressed() {
     };
     let read = import(&path("net.xml.gz"), Some(&path("od.xml")), &options).unwrap();
     assert_eq!(
-        (read.demand.total(), read.network.zone_name(1).as_ref()),
+        (read.trips.demand.total(), read.network.zone_name(1).as_ref()),
         (40.0, "1")
     );
-    assert!(read.lost.is_empty());
+    assert!(read.trips.lost.is_empty());
     let table = import(&path("net.xml.gz"), Some(&path("od.csv")), &options).unwrap();
-    assert_eq!((table.demand.total(), table.network.numbering().zones), (45.0, 4));
+    assert_eq!(
+        (table.trips.demand.total(), table.network.numbering().zones),
+        (45.0, 4)
+    );
     let without = message(import(
         &path("net.xml.gz"),
         Some(&path("od.xml")),
@@ -500,6 +508,7 @@ fn demand_and_skims_go_through_open_matrix() {
     };
     let read = import_matrix(Some("day")).unwrap();
     let trips: Vec<_> = read
+        .trips
         .demand
         .trips()
         .map(|trip| (trip.origin, trip.destination, trip.volume))
@@ -516,10 +525,17 @@ fn demand_and_skims_go_through_open_matrix() {
     // Skims of a solution, read as if they were trips.
     let costs = read.network.link_costs(&vec![0.0; read.network.links().len()]);
     let found = skims::skims(&read.network, &costs).unwrap();
-    std::fs::write(&path, skims::format_omx(&read.network, &found).unwrap()).unwrap();
+    std::fs::write(
+        &path,
+        skims::format_omx(&read.network, &[("", found.clone())]).unwrap(),
+    )
+    .unwrap();
     let again = import_matrix(Some("cost")).unwrap();
-    assert_eq!(again.demand.pairs(), 24 * 23);
-    close_to(again.demand.total(), found.iter().map(|skim| skim.cost).sum());
+    assert_eq!(again.trips.demand.pairs(), 24 * 23);
+    close_to(
+        again.trips.demand.total(),
+        found.iter().map(|skim| skim.cost).sum(),
+    );
     for (bytes, expected) in [
         (&bytes[..bytes.len() / 2], "expected an Open Matrix (OMX) file"),
         (&bytes[..100], "expected an Open Matrix (OMX) file"),
@@ -559,19 +575,31 @@ fn flows_of_roads_alone_are_judged_where_all_else_is_free() {
         assert_eq!(flows.len(), read.network.roads().len());
         let whole = evaluate(
             &read.network,
-            &read.demand,
+            &read.trips.demand,
             Objective::UserEquilibrium,
             &solution.link_flows,
         )
         .unwrap();
-        let alone = evaluate(&read.network, &read.demand, Objective::UserEquilibrium, &flows).unwrap();
+        let alone = evaluate(
+            &read.network,
+            &read.trips.demand,
+            Objective::UserEquilibrium,
+            &flows,
+        )
+        .unwrap();
         assert_eq!(
             (alone.relative_gap, alone.objective),
             (whole.relative_gap, whole.objective)
         );
         assert!(whole.conserves_demand && alone.conserves_demand);
         let twice: Vec<f64> = flows.iter().map(|flow| 2.0 * flow).collect();
-        let twice = evaluate(&read.network, &read.demand, Objective::UserEquilibrium, &twice).unwrap();
+        let twice = evaluate(
+            &read.network,
+            &read.trips.demand,
+            Objective::UserEquilibrium,
+            &twice,
+        )
+        .unwrap();
         assert!(!twice.conserves_demand);
     }
 }

@@ -1,22 +1,31 @@
 //! Static assignment, from its description to its solution: what `host-sim assign` and the points of a sweep solve.
 
+pub mod vehicle_classes;
+
 use crate::capacity::TrafficState;
-use assignment::formats::{Import, ImportOptions, LostTrips, RoadData, Unreachable};
+use assignment::formats::{Import, ImportOptions, RoadData};
+use assignment::imported_demand::{ImportedDemand, LostTrips, Unreachable};
 use assignment::link::check_not_negative;
+use assignment::link_table::{ClassRules, Delay, LinkTable};
 use assignment::report::{ImportReport, NoteKind};
 use assignment::{
-    Algorithm, CostWeights, Demand, Network, Objective, Observe, Options, PathFlows, Solution, Stop,
-    assign_from, assign_observed, formats, grid::Grid, report,
+    Algorithm, ClassFlows, ClassSolution, CostWeights, Demand, Network, Objective, Observe, Options,
+    PathFlows, Solution, Stop, VehicleClass, assign_classes, assign_from, assign_observed, formats,
+    grid::Grid, report, text,
 };
 use kit::error::{Error, Result};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use vehicle_classes::ClassDescription;
 
 /// Iterations to stop at unless said.
 pub const MAX_ITERATIONS: usize = 10_000;
 
 /// A road's flow over its capacity that no demand of the capacity's unit of time gives (chosen: published networks stay below 5).
 const FULLEST: f64 = 10.0;
+
+/// Seconds of an hour.
+const HOUR: f64 = 3600.0;
 
 /// What reports call it.
 const VOLUME_OVER_CAPACITY: &str = "flow over capacity";
@@ -28,6 +37,14 @@ pub struct AssignSource {
     pub net: Option<PathBuf>,
     /// Its trips.
     pub trips: Option<PathBuf>,
+    /// Classes of vehicles in a [file](vehicle_classes), each with its own trips, instead of the trips.
+    pub classes: Option<PathBuf>,
+    /// What else is true of roads, a [table](assignment::link_table).
+    pub links: Option<PathBuf>,
+    /// Delay function of the roads that congest, unless the table says another.
+    pub delay: Delay,
+    /// Hours in which demand and capacity count vehicles, for Akcelik's function.
+    pub period_hours: f64,
     /// Factor on all trips.
     pub demand_factor: f64,
     /// What toll and distance cost.
@@ -55,6 +72,10 @@ impl Default for AssignSource {
         Self {
             net: None,
             trips: None,
+            classes: None,
+            links: None,
+            delay: Delay::default(),
+            period_hours: 1.0,
             demand_factor: 1.0,
             weights: CostWeights::default(),
             import: ImportOptions::default(),
@@ -82,40 +103,124 @@ impl AssignSource {
     ///
     /// # Errors
     /// The first that does not fit.
-    pub fn import(&self) -> Result<Import> {
+    pub fn import(&self) -> Result<AssignInput> {
         check_not_negative("demand_factor", self.demand_factor)?;
         check_not_negative("toll_weight", self.weights.toll)?;
         check_not_negative("distance_weight", self.weights.distance)?;
-        let Some(net) = &self.net else {
-            return self.grid();
-        };
+        if !(self.period_hours.is_finite() && self.period_hours > 0.0) {
+            return Err(Error::input(
+                "period",
+                self.period_hours,
+                "a positive number of hours",
+            ));
+        }
         let options = ImportOptions {
             weights: self.weights,
             ..self.import.clone()
         };
-        formats::import(net, self.trips.as_deref(), &options)
+        let mut input = match (&self.net, &self.classes) {
+            (None, _) => self.grid()?.into(),
+            (Some(net), None) => formats::import(net, self.trips.as_deref(), &options)?.into(),
+            (Some(net), Some(classes)) => self.import_classes(net, classes, &options)?,
+        };
+        let names: Vec<&str> = input.classes.iter().map(|class| class.name.as_str()).collect();
+        let table = match &self.links {
+            Some(path) => {
+                let text = text::read(path)?;
+                LinkTable::read(
+                    &text,
+                    &input.network,
+                    &input.roads.names,
+                    &names,
+                    &mut input.report,
+                )?
+            }
+            None => LinkTable::default(),
+        };
+        let period = self.period_hours * HOUR / input.roads.seconds;
+        input.network = table.apply(input.network, self.delay, period)?;
+        for (index, class) in input.classes.iter().enumerate() {
+            let rules = table.rules().get(index).cloned().unwrap_or_default();
+            input
+                .demands
+                .push(class.demand(&input.network, &rules, &mut input.report)?);
+            input.rules.push(rules);
+        }
+        Ok(input)
+    }
+
+    /// The network for a file of classes.
+    fn import_classes(&self, net: &Path, classes: &Path, options: &ImportOptions) -> Result<AssignInput> {
+        let one = [
+            (
+                "trips",
+                self.trips.as_ref().map(|trips| trips.display().to_string()),
+            ),
+            ("matrix", options.matrix.clone()),
+        ];
+        if let Some((name, Some(found))) = one.into_iter().find(|(_, given)| given.is_some()) {
+            let expected = "none with classes, which have trips of their own";
+            return Err(Error::input(name, found, expected));
+        }
+        if self.weights != CostWeights::default() {
+            let expected = "none with classes, which have weights of their own";
+            return Err(Error::input("toll and distance weights", "some", expected));
+        }
+        let read = formats::import_network(net, options)?;
+        Ok(AssignInput {
+            network: read.network,
+            roads: read.roads,
+            report: read.report,
+            classes: vehicle_classes::read(classes)?,
+            demands: Vec::new(),
+            rules: Vec::new(),
+        })
     }
 
     /// The assignment of what was read.
     ///
     /// # Errors
     /// Trips without a path, unless they are to be left out; with [`strict`](Self::strict) a warning.
-    pub fn assignment(&self, mut import: Import) -> Result<Assignment> {
+    pub fn assignment(&self, input: AssignInput) -> Result<Assignment> {
         let gap = self.gap.unwrap_or(match self.algorithm {
             Algorithm::PathBased => 1e-10,
             _ => 1e-4,
         });
         check_not_negative("gap", gap)?;
-        import.settle(self.unreachable)?;
-        if self.strict {
-            import.report.refuse_warnings()?;
+        let AssignInput {
+            network,
+            roads,
+            mut report,
+            classes,
+            mut demands,
+            rules,
+        } = input;
+        for demand in &mut demands {
+            demand.settle(self.unreachable, &mut report)?;
         }
+        if self.strict {
+            report.refuse_warnings()?;
+        }
+        let described = classes.iter().zip(&demands).zip(&rules);
+        let classes: Vec<VehicleClass> = described
+            .map(|((class, demand), rules)| class.class(demand, rules, &roads, self.demand_factor))
+            .collect::<Result<_>>()?;
+        let demand = match demands.first() {
+            Some(read) if classes.is_empty() => read.demand.scaled(self.demand_factor)?,
+            _ => {
+                let in_cars = classes
+                    .iter()
+                    .map(|class| class.demand.scaled(class.passenger_car_equivalent));
+                Demand::merged(&in_cars.collect::<Result<Vec<_>>>()?)?
+            }
+        };
         Ok(Assignment {
-            demand: import.demand.scaled(self.demand_factor)?,
-            network: import.network,
-            roads: import.roads,
-            lost: import.lost,
-            report: import.report,
+            network,
+            demand,
+            classes,
+            roads,
+            lost: demands.into_iter().flat_map(|read| read.lost).collect(),
+            report,
             strict: self.strict,
             options: Options {
                 algorithm: self.algorithm,
@@ -129,9 +234,11 @@ impl AssignSource {
 
     /// The grid with its own demand, and without what it has no use for.
     fn grid(&self) -> Result<Import> {
-        if let Some(trips) = &self.trips {
-            let expected = "none with the grid, which brings its own demand";
-            return Err(Error::input("trips", trips.display(), expected));
+        for (name, path) in [("trips", &self.trips), ("classes", &self.classes)] {
+            if let Some(path) = path {
+                let expected = "none with the grid, which brings its own demand";
+                return Err(Error::input(name, path.display(), expected));
+            }
         }
         for (name, weight) in [
             ("toll_weight", self.weights.toll),
@@ -147,13 +254,49 @@ impl AssignSource {
     }
 }
 
+/// What files said, trips without a path included.
+#[derive(Debug)]
+pub struct AssignInput {
+    network: Network,
+    roads: RoadData,
+    report: ImportReport,
+    /// Empty where all vehicles are alike.
+    classes: Vec<ClassDescription>,
+    /// That of each class, or the only one.
+    demands: Vec<ImportedDemand>,
+    /// Of each class.
+    rules: Vec<ClassRules>,
+}
+
+impl AssignInput {
+    /// Trips without a path or without a zone.
+    pub fn lost(&self) -> impl Iterator<Item = &LostTrips> {
+        self.demands.iter().flat_map(|read| &read.lost)
+    }
+}
+
+impl From<Import> for AssignInput {
+    fn from(import: Import) -> Self {
+        Self {
+            network: import.network,
+            roads: import.roads,
+            report: import.report,
+            classes: Vec::new(),
+            demands: vec![import.trips],
+            rules: Vec::new(),
+        }
+    }
+}
+
 /// A network, its demand, and how to solve it.
 #[derive(Clone, Debug)]
 pub struct Assignment {
     /// The roads.
     pub network: Network,
-    /// Who drives on them.
+    /// Who drives on them, in passenger cars.
     pub demand: Demand,
+    /// The classes of vehicles; empty where all are alike.
+    pub classes: Vec<VehicleClass>,
     /// What else is known of the roads.
     pub roads: RoadData,
     /// Trips that were left out, as the files have them.
@@ -167,21 +310,31 @@ pub struct Assignment {
 }
 
 impl Assignment {
-    /// Solves it, from path flows if there are any. `observe` hears of every iteration.
+    /// Solves it, from path flows if there are any: those of each class, or the only ones. `observe` hears of every iteration.
+    /// Where all vehicles are alike, all that there is stands under `total`.
     ///
     /// # Errors
-    /// As [`assign_observed`] and [`assign_from`].
-    pub fn solve(&self, start: Option<&PathFlows>, observe: &mut Observe<'_>) -> Result<Solution> {
+    /// As [`assign_observed`], [`assign_from`] and [`assign_classes`].
+    pub fn solve(&self, start: &[PathFlows], observe: &mut Observe<'_>) -> Result<ClassSolution> {
         let Self {
             network,
             demand,
+            classes,
             options,
             ..
         } = self;
-        match start {
-            Some(paths) => assign_from(network, demand, options, paths, observe),
-            None => assign_observed(network, demand, options, observe),
+        if !classes.is_empty() {
+            let start: Vec<&PathFlows> = start.iter().collect();
+            return assign_classes(network, classes, options, &start, observe);
         }
+        let total = match start {
+            [paths, ..] => assign_from(network, demand, options, paths, observe)?,
+            [] => assign_observed(network, demand, options, observe)?,
+        };
+        Ok(ClassSolution {
+            total,
+            classes: Vec::new(),
+        })
     }
 
     /// The readers' report with what flows say: how full the roads are. Flows that are no equilibrium yet may fill some beyond
@@ -207,7 +360,50 @@ impl Assignment {
     }
 
     /// The JSON object of a solution, without the times that it took.
-    pub fn to_json(&self, solution: &Solution) -> Value {
+    pub fn to_json(&self, ClassSolution { total, classes }: &ClassSolution) -> Value {
+        let mut object = self.total_json(total, classes);
+        if !classes.is_empty() {
+            let classes = self.classes.iter().zip(classes);
+            object["classes"] = classes
+                .map(|(class, flows)| self.class_json(class, flows))
+                .collect();
+        }
+        object
+    }
+
+    /// What a class does.
+    fn class_json(&self, class: &VehicleClass, flows: &ClassFlows) -> Value {
+        let totals = self.totals(class, flows);
+        json!({
+            "name": flows.name,
+            "passenger_car_equivalent": class.passenger_car_equivalent,
+            "pairs": class.demand.pairs(),
+            "total_demand": class.demand.total(),
+            "intrazonal_demand": class.demand.intrazonal(),
+            "paths": flows.path_flows.len(),
+            "total_travel_time": totals.time,
+            "total_toll": totals.toll,
+            "total_distance": totals.distance,
+            "total_cost": totals.cost,
+        })
+    }
+
+    /// What the vehicles of a class spend.
+    pub fn totals(&self, class: &VehicleClass, flows: &ClassFlows) -> ClassTotals {
+        let mut totals = ClassTotals::default();
+        for (index, link) in self.network.links().iter().enumerate() {
+            let (flow, cost) = (flows.link_flows[index], flows.link_costs[index]);
+            let toll = class.tolls.as_ref().map_or(link.toll, |tolls| tolls[index]);
+            let surcharge = class.weights.toll * toll + class.weights.distance * link.length;
+            totals.time += flow * (cost - surcharge);
+            totals.toll += flow * toll;
+            totals.distance += flow * link.length;
+            totals.cost += flow * cost;
+        }
+        totals
+    }
+
+    fn total_json(&self, solution: &Solution, classes: &[ClassFlows]) -> Value {
         let Self {
             network,
             demand,
@@ -215,6 +411,8 @@ impl Assignment {
             ..
         } = self;
         let state = TrafficState::of(network, demand, &solution.link_flows);
+        let of_classes: usize = classes.iter().map(|class| class.path_flows.len()).sum();
+        let paths = solution.path_flows.len() + of_classes;
         json!({
             "relative_gap": solution.relative_gap,
             "gap_asked_for": options.gap,
@@ -225,7 +423,7 @@ impl Assignment {
             "iterations": solution.iterations,
             "converged": solution.converged,
             "stopped": stop_name(solution.stopped),
-            "paths": solution.path_flows.len(),
+            "paths": paths,
             "links": network.links().len(),
             "zones": network.numbering().zones,
             "pairs": demand.pairs(),
@@ -233,6 +431,19 @@ impl Assignment {
             "intrazonal_demand": demand.intrazonal(),
         })
     }
+}
+
+/// Sums over all vehicles of a class.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ClassTotals {
+    /// Travel time.
+    pub time: f64,
+    /// What it pays.
+    pub toll: f64,
+    /// How far it drives.
+    pub distance: f64,
+    /// Time, toll and distance at its own weights, in units of time.
+    pub cost: f64,
 }
 
 /// Why a solve ended, in a word.

@@ -7,6 +7,7 @@ use clap::Parser as _;
 use host_sim::command::assign::{AssignArguments, run};
 use host_sim::report::table::{Column, Table};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -26,13 +27,21 @@ fn assign_arguments(arguments: &[&str]) -> kit::error::Result<()> {
 }
 
 fn assign_command(arguments: &[&str]) -> kit::error::Result<()> {
+    solve_or_judge(arguments).map(drop)
+}
+
+fn exit_code(arguments: &[&str]) -> ExitCode {
+    solve_or_judge(arguments).unwrap()
+}
+
+fn solve_or_judge(arguments: &[&str]) -> kit::error::Result<ExitCode> {
     let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
     let problem = ["assign", "--json", "--net", net.to_str().unwrap(), "--trips"];
     let line = problem
         .into_iter()
         .chain([trips.to_str().unwrap()])
         .chain(arguments.iter().copied());
-    run(&CommandLine::try_parse_from(line).unwrap().arguments).map(drop)
+    run(&CommandLine::try_parse_from(line).unwrap().arguments)
 }
 
 #[test]
@@ -388,4 +397,191 @@ fn the_command_writes_flows_that_it_accepts_again() {
     )
     .unwrap();
     assert!(std::fs::exists(flows).unwrap());
+}
+
+/// Two classes in Sioux Falls, and what else is true of its roads.
+fn classes_command(more: &[&str]) -> kit::error::Result<ExitCode> {
+    let file = |name: &str| fixture(name).to_str().unwrap().to_owned();
+    let (net, classes) = (file("SiouxFalls_net.tntp"), file("SiouxFalls_classes.toml"));
+    let links = file("SiouxFalls_links.csv");
+    let problem = [
+        "assign",
+        "--json",
+        "--net",
+        &net,
+        "--classes",
+        &classes,
+        "--links",
+        &links,
+    ];
+    let line = problem.iter().chain(more);
+    run(&CommandLine::try_parse_from(line).unwrap().arguments)
+}
+
+#[test]
+fn classes_have_rows_and_columns_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (flows, paths, skims) = (path("flows.csv"), path("paths.csv"), path("skims.csv"));
+    let selected = path("selected.csv");
+    let more = [
+        "--flows",
+        &flows,
+        "--paths",
+        &paths,
+        "--skims",
+        &skims,
+        "--select-link",
+        "10,16",
+        "--selected",
+        &selected,
+    ];
+    classes_command(&more).unwrap();
+    let read = |path: &str| std::fs::read_to_string(path).unwrap();
+    let text = read(&flows);
+    let mut rows = text.lines();
+    assert_eq!(
+        rows.next().unwrap(),
+        "init_node,term_node,volume,cost,volume_car,cost_car,volume_lorry,cost_lorry"
+    );
+    for row in rows {
+        let fields: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
+        let [_, _, volume, _, cars, _, lorries, _] = fields[..] else {
+            panic!("{row}");
+        };
+        assert!(
+            (volume - cars - 2.5 * lorries).abs() < 1e-9 * volume.max(1.0),
+            "{row}"
+        );
+        // Where lorries may not drive none does.
+        assert!(!row.starts_with("3,1,") || lorries == 0.0, "{row}");
+    }
+    for (text, header) in [
+        (
+            read(&paths),
+            "class,origin,destination,volume,cost,links\ncar,1,2,70,",
+        ),
+        (
+            read(&skims),
+            "class,origin,destination,cost,time,length,toll\ncar,1,2,",
+        ),
+        (
+            read(&selected),
+            "class,init_node,term_node,origin,destination,volume,share\ncar,10,16,",
+        ),
+    ] {
+        assert!(text.starts_with(header) && text.contains("\nlorry,"), "{header}");
+    }
+    let text = read(&skims);
+    // An hour is worth 20 tolls, so one costs three minutes.
+    let toll: Vec<&str> = text.lines().nth(1).unwrap().split(',').collect();
+    let [cost, time]: [f64; 2] = [toll[3], toll[4]].map(|field| field.parse().unwrap());
+    assert!((cost - time - 3.0).abs() < 1e-9, "{toll:?}");
+    // Its own paths are an equilibrium already.
+    let again = path("again.csv");
+    let more = ["--warm", &paths, "--max-iterations", "0", "--flows", &again];
+    classes_command(&more).unwrap();
+    let volumes = |path: &str| -> Vec<f64> {
+        let rows = read(path);
+        let volumes = rows
+            .lines()
+            .skip(1)
+            .map(|row| row.split(',').nth(6).unwrap().parse().unwrap());
+        volumes.collect()
+    };
+    for (before, after) in volumes(&flows).into_iter().zip(volumes(&again)) {
+        assert!((before - after).abs() < 1e-3, "{before} {after}");
+    }
+}
+
+#[test]
+fn classes_that_make_no_sense_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let trips = format!("trips = {:?}", trips.to_str().unwrap());
+    let links = path("links.csv");
+    // Node 1 of the network leads to 2 and 3 alone.
+    std::fs::write(&links, "from,to,banned_car\n1,2,1\n1,3,1\n").unwrap();
+    let links = links.to_str().unwrap();
+    for (classes, more, message) in [
+        (
+            "[[class]]\nname = \"car\"\n".to_owned(),
+            &[][..],
+            "classes.toml:1: found missing field `trips`",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\nspeed = 3\n"),
+            &[],
+            "classes.toml:4: found unknown field `speed`",
+        ),
+        (
+            format!("[[class]]\nname = \"my car\"\n{trips}\n"),
+            &[],
+            "classes.toml: class my car: found its name, expected letters",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n[[class]]\nname = \"Car\"\n{trips}\n"),
+            &[],
+            "classes.toml: class Car: found a second one",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\nvalue_of_time = 0\n"),
+            &[],
+            "classes.toml: class car: value_of_time: found 0",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\ndemand_factor = 0\n"),
+            &[],
+            "class car: demand: found no trips",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n"),
+            &["--links", links],
+            "trips: found 8800 vehicles without a path, by pairs 23: 1 to 2, 1 to 3",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n"),
+            &["--toll-weight", "1"],
+            "toll and distance weights: found some, expected none with classes",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n"),
+            &["--algorithm", "bfw"],
+            "algorithm for classes: found Frank-Wolfe",
+        ),
+    ] {
+        std::fs::write(path("classes.toml"), classes).unwrap();
+        let classes = path("classes.toml").to_str().unwrap().to_owned();
+        let problem = [
+            "assign",
+            "--json",
+            "--net",
+            net.to_str().unwrap(),
+            "--classes",
+            &classes,
+        ];
+        let line = problem.iter().chain(more);
+        let failure = run(&CommandLine::try_parse_from(line).unwrap().arguments).unwrap_err();
+        let failure = failure.to_string();
+        let place = format!("{}/", folder.path().display());
+        let found = failure.strip_prefix(&place).unwrap_or(&failure);
+        assert!(found.starts_with(message), "{found}");
+    }
+}
+
+#[test]
+fn a_judgement_has_an_exit_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let flows = folder.path().join("flows.csv").to_str().unwrap().to_owned();
+    assign_command(&["--flows", &flows, "--gap", "1e-3"]).unwrap();
+    let judged = |more: &[&str]| {
+        let arguments = [&["--check", flows.as_str()][..], more].concat();
+        format!("{:?}", exit_code(&arguments))
+    };
+    let code = |code: u8| format!("{:?}", ExitCode::from(code));
+    assert_eq!(judged(&[]), code(0));
+    assert_eq!(judged(&["--gap", "1e-2"]), code(0));
+    assert_eq!(judged(&["--gap", "1e-9"]), code(1));
+    assert_eq!(judged(&["--demand-factor", "0.5"]), code(1));
 }

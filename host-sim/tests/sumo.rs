@@ -807,7 +807,8 @@ fn tool(name: &str, arguments: &[&str], folder: &Path) -> std::process::Output {
 #[test]
 #[ignore = "needs SUMO: ./test sumo"]
 fn sumo_can_drive_every_route_of_an_assignment() {
-    use assignment::formats::{ImportOptions, Unreachable, import};
+    use assignment::formats::{ImportOptions, import};
+    use assignment::imported_demand::Unreachable;
     use assignment::{Options, assign};
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
@@ -835,7 +836,7 @@ fn sumo_can_drive_every_route_of_an_assignment() {
     .expect("read");
     // Without left turns some corners cannot be reached from everywhere.
     read.settle(Unreachable::Drop).expect("left out");
-    let solution = assign(&read.network, &read.demand, &Options::default()).expect("solved");
+    let solution = assign(&read.network, &read.trips.demand, &Options::default()).expect("solved");
     assert!(solution.converged && solution.path_flows.len() > 100);
     let mut routes = String::from("<routes>\n");
     for (index, way) in solution.path_flows.iter().enumerate() {

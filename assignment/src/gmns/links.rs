@@ -7,7 +7,7 @@ use super::scale::{Scale, Span};
 use super::uses::{CarUses, is_no_road};
 use crate::csv_table::{CsvTable, Row, file_name};
 use crate::formats::ImportOptions;
-use crate::link::Link;
+use crate::link::{DelayFunction, Link};
 use crate::report::{ImportReport, NoteKind};
 use crate::shapes::{Shape, parse_wkt};
 use crate::units::Length;
@@ -140,7 +140,7 @@ impl Links {
                 continue;
             }
             let (link, lanes) = link(row, &columns, nodes, scale, options, &mut defaults)?;
-            link.volume_delay(options.weights, &row.place())?;
+            link.volume_delay(DelayFunction::Bpr, options.weights, &row.place())?;
             let wkt = match row.text(columns.geometry) {
                 "" => geometries
                     .get(row.id(columns.geometry_id))

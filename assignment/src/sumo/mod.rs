@@ -15,8 +15,9 @@ mod net;
 use crate::coordinates::{Collected, LengthUnit, NodePlaces};
 use crate::demand::{Demand, Trip};
 use crate::demand_table::{Zones, read_csv};
-use crate::formats::{ImportOptions, read_matrix};
-use crate::link::{CostWeights, Link};
+use crate::formats::ImportOptions;
+use crate::imported_demand::read_matrix;
+use crate::link::{CostWeights, DelayFunction, Link};
 use crate::network::Network;
 use crate::report::{ImportReport, NoteKind};
 use crate::road_plan::{Access, RoadPlan, Turn, Turns, Zone};
@@ -182,7 +183,7 @@ fn roads(
         };
         *counted.entry(text).or_default() += 1;
         let link = model.link(edge, given);
-        link.volume_delay(options.weights, &edge.place)?;
+        link.volume_delay(DelayFunction::Bpr, options.weights, &edge.place)?;
         roads.push(link);
     }
     for (text, times) in counted {
@@ -327,7 +328,7 @@ fn read_table(
         numbers.insert(name.to_owned(), places.len() as u32);
         Some(places.len() as u32)
     });
-    let trips = match read_matrix(path, options, &mut zones, report)? {
+    let trips = match read_matrix(path, options.matrix.as_deref(), &mut zones, report)? {
         Some(trips) => trips,
         None => {
             let text = text::read(path)?;

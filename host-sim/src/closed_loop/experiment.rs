@@ -8,7 +8,8 @@ use crate::policy::{KINDS, Kind, actor, age_threshold, assigned, central};
 use crate::scenario::{Scenario, ScenarioSource};
 use crate::weight_table::WeightTable;
 use assignment::coordinates::NodePlaces;
-use assignment::formats::{Import, ImportOptions, Unreachable};
+use assignment::formats::{Import, ImportOptions};
+use assignment::imported_demand::Unreachable;
 use assignment::report::ImportReport;
 use assignment::{CostWeights, Demand, Network, formats};
 use kit::choice::Choice as _;
@@ -212,7 +213,7 @@ impl LoopSource {
         import.settle(self.unreachable)?;
         let Import {
             network,
-            demand,
+            trips,
             report,
             ..
         } = import;
@@ -229,7 +230,7 @@ impl LoopSource {
                 },
             },
             network,
-            demand,
+            demand: trips.demand,
         }))
     }
 }

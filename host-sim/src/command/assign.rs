@@ -7,16 +7,17 @@ mod outputs;
 mod page;
 mod progress;
 
-use crate::assign::{AssignSource, Assignment, MAX_ITERATIONS, stop_name};
+use crate::assign::{AssignSource, Assignment, ClassTotals, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
+use crate::report::table::{Column, Table};
 use assignment::check::{self, Evaluation};
 use assignment::coordinates::{LengthUnit, NodePlaces};
 use assignment::grid::Grid;
+use assignment::link_table::Delay;
 use assignment::{
-    Algorithm, CostWeights, Demand, IterationRecord, Network, Objective, Solution, Stop, formats, path_flows,
+    Algorithm, ClassSolution, CostWeights, IterationRecord, Network, Objective, Solution, Stop, formats,
 };
 use kit::error::Result;
-use kit::files::Text;
 use kit::say;
 use limits::Limits;
 use progress::Progress;
@@ -46,11 +47,31 @@ pub struct AssignArguments {
     /// vehicle per hour and pair of intersections
     #[arg(long, value_name = "FILE")]
     pub trips: Option<PathBuf>,
+    /// Several classes of vehicles instead: TOML with a table `class` for each, with its name, its trips, and if need be matrix,
+    /// demand_factor, passenger_car_equivalent, value_of_time (money an hour) or toll_weight, and distance_weight
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["trips", "check"])]
+    pub classes: Option<PathBuf>,
+    /// What else is true of roads: CSV with from_node_id,to_node_id or link_id, and any of preload (passenger cars that are there
+    /// anyway), delay (as --delay), toll_CLASS and banned_CLASS (1 where a class may not drive)
+    #[arg(long, value_name = "FILE.csv")]
+    pub links: Option<PathBuf>,
+    /// Delay function of the roads that congest: bpr, conical (its alpha each road's power), conical=ALPHA or akcelik=J
+    #[arg(long, value_name = "FUNCTION", value_parser = delay, default_value = "bpr")]
+    pub delay: Delay,
+    /// Hours in which demand and capacity count vehicles, for Akcelik's function
+    #[arg(
+        long,
+        value_name = "HOURS",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
+    pub delay_period: f64,
     /// Factor on all trips
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub demand_factor: f64,
     /// Solve nothing: judge the flows of this CSV or Parquet file as --flows writes them, of a published *_flow.tntp, of
-    /// AequilibraE's results, or of any CSV with the nodes or names of links and their volumes
+    /// AequilibraE's results, or of any CSV with the nodes or names of links and their volumes. The exit code is 1 if they do
+    /// not carry the demand, or are further from equilibrium than a --gap that is given
     #[arg(long, value_name = "FLOWS")]
     pub check: Option<PathBuf>,
     /// fw, cfw, bfw: (conjugate, bi-conjugate) Frank-Wolfe; path: gradient projection on path flows
@@ -121,6 +142,12 @@ pub struct AssignArguments {
     pub import: ImportArguments,
 }
 
+/// A delay function by its name.
+fn delay(text: &str) -> std::result::Result<Delay, String> {
+    text.parse()
+        .map_err(|failure: kit::error::Error| failure.to_string())
+}
+
 impl AssignArguments {
     /// The assignment that the options describe.
     ///
@@ -130,6 +157,10 @@ impl AssignArguments {
         Ok(AssignSource {
             net: (self.net != GRID).then(|| PathBuf::from(&self.net)),
             trips: self.trips.clone(),
+            classes: self.classes.clone(),
+            links: self.links.clone(),
+            delay: self.delay,
+            period_hours: self.delay_period,
             demand_factor: self.demand_factor,
             weights: CostWeights {
                 toll: self.toll_weight,
@@ -175,27 +206,19 @@ pub fn run(arguments: &AssignArguments) -> Result<ExitCode> {
     let start = Instant::now();
     outputs::check_options(arguments)?;
     let source = arguments.source()?;
-    let import = source.import()?;
-    arguments.import.write_lost(&import)?;
-    let assignment = source.assignment(import)?;
+    let input = source.import()?;
+    arguments.import.write_lost(&input)?;
+    let assignment = source.assignment(input)?;
     match &arguments.check {
-        Some(path) => judge(arguments, &assignment, path, start).map(|()| ExitCode::SUCCESS),
+        Some(path) => judge(arguments, &assignment, path, start),
         None => solve(arguments, &assignment, start),
     }
 }
 
 fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -> Result<ExitCode> {
-    let Assignment {
-        network,
-        demand,
-        options,
-        ..
-    } = assignment;
+    let Assignment { network, options, .. } = assignment;
     let selection = outputs::Selection::new(arguments, network)?;
-    let start_paths = match &arguments.warm {
-        Some(path) => Some(path_flows::read_paths(&Text::read(path)?, network)?),
-        None => None,
-    };
+    let start_paths = outputs::start(arguments, assignment)?;
     let limits = Limits::new(arguments.max_seconds)?;
     let mut progress = Progress::new(arguments.json);
     let solve_start = Instant::now();
@@ -203,21 +226,23 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
         progress.show(record.iteration, record.relative_gap);
         limits.check(solve_start)
     };
-    let solution = assignment.solve(start_paths.as_ref(), &mut observe)?;
+    let solved = assignment.solve(&start_paths, &mut observe)?;
+    let solution = &solved.total;
     let seconds = solve_start.elapsed().as_secs_f64();
     progress.finish();
     let report = assignment.report_with(&solution.link_flows, solution.converged)?;
-    outputs::write(arguments, assignment, &selection, &solution, &report)?;
+    outputs::write(arguments, assignment, &selection, &solved, &report)?;
     let seconds_total = start.elapsed().as_secs_f64();
     import::print_report(&report, arguments.json);
     if arguments.json {
-        let mut object = timed(assignment.to_json(&solution), seconds, seconds_total);
+        let mut object = timed(assignment.to_json(&solved), seconds, seconds_total);
         object["unreachable_pairs"] = json!(assignment.lost.len());
         object["import"] = import::report_json(&report);
         say!("{object}");
     } else {
-        print_problem(network, demand);
-        print_solution(options.gap, &solution, seconds, seconds_total);
+        print_problem(assignment);
+        print_solution(options.gap, solution, seconds, seconds_total);
+        print_classes(assignment, &solved)?;
         for (word, path) in outputs::written(arguments) {
             say!("{word:<21}{}", path.display());
         }
@@ -242,7 +267,15 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     Ok(code)
 }
 
-fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, start: Instant) -> Result<()> {
+/// Exit code of a judgement that finds less than was asked for.
+const NOT_AS_GOOD: u8 = 1;
+
+fn judge(
+    arguments: &AssignArguments,
+    assignment: &Assignment,
+    path: &Path,
+    start: Instant,
+) -> Result<ExitCode> {
     let Assignment {
         network,
         demand,
@@ -268,10 +301,23 @@ fn judge(arguments: &AssignArguments, assignment: &Assignment, path: &Path, star
         object["import"] = import::report_json(&report);
         say!("{object}");
     } else {
-        print_problem(network, demand);
+        print_problem(assignment);
         print_evaluation(network, &evaluation);
     }
-    Ok(())
+    // Flows from elsewhere may be as far from equilibrium as they are, unless a gap is asked for.
+    let close = arguments.gap.is_none_or(|gap| evaluation.relative_gap <= gap);
+    if !close {
+        kit::remark!(
+            "relative gap {:.3e}, {:e} was asked for",
+            evaluation.relative_gap,
+            options.gap
+        );
+    }
+    Ok(if close && evaluation.conserves_demand {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(NOT_AS_GOOD)
+    })
 }
 
 /// A result with the times that it took: the solve's, and with reading.
@@ -294,12 +340,24 @@ fn evaluation_json(gap: f64, evaluation: &Evaluation) -> Value {
     })
 }
 
-fn print_problem(network: &Network, demand: &Demand) {
+fn print_problem(
+    Assignment {
+        network,
+        demand,
+        classes,
+        ..
+    }: &Assignment,
+) {
     let numbering = network.numbering();
     say!("nodes, zones         {}, {}", numbering.nodes, numbering.zones);
     say!("links                {}", network.links().len());
     say!("pairs with demand    {}", demand.pairs());
-    say!("vehicles             {}", demand.total());
+    let what = if classes.is_empty() {
+        "vehicles"
+    } else {
+        "passenger cars"
+    };
+    say!("{what:<21}{}", demand.total());
     say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
@@ -338,6 +396,35 @@ fn print_solution(gap: f64, solution: &Solution, seconds: f64, seconds_total: f6
     say!("total travel time    {}", solution.total_travel_time);
     say!("iterations           {}", solution.iterations);
     say!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
+}
+
+/// What each class does, if there are classes.
+fn print_classes(assignment: &Assignment, solved: &ClassSolution) -> Result<()> {
+    let classes = || assignment.classes.iter().zip(&solved.classes);
+    if assignment.classes.is_empty() {
+        return Ok(());
+    }
+    let total = |value: fn(&ClassTotals) -> f64| -> Vec<f64> {
+        classes()
+            .map(|(class, flows)| value(&assignment.totals(class, flows)))
+            .collect()
+    };
+    let table = Table::new(vec![
+        Column::text("name", classes().map(|(class, _)| class.name.clone())).shown("class", "", 0),
+        Column::number("vehicles", classes().map(|(class, _)| class.demand.total())).shown("vehicles", "", 1),
+        Column::number(
+            "passenger_car_equivalent",
+            classes().map(|(class, _)| class.passenger_car_equivalent),
+        )
+        .shown("cars each", "", 2),
+        Column::number("time", total(|totals| totals.time)).shown("time", "", 1),
+        Column::number("toll", total(|totals| totals.toll)).shown("toll", "", 1),
+        Column::number("distance", total(|totals| totals.distance)).shown("distance", "", 1),
+        Column::number("cost", total(|totals| totals.cost)).shown("cost", "", 1),
+    ])?;
+    say!("");
+    say!("{}", table.to_string().trim_end());
+    Ok(())
 }
 
 fn print_evaluation(network: &Network, evaluation: &Evaluation) {

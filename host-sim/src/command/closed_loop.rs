@@ -12,7 +12,7 @@ use crate::report::pages;
 use crate::report::table::{Column, Table};
 use crate::threads::thread_pool;
 use assignment::CostWeights;
-use assignment::formats::Unreachable;
+use assignment::imported_demand::Unreachable;
 use kit::choice::Choice as _;
 use kit::error::Result;
 use kit::files::{NamedText, check_folder, write_set, written};

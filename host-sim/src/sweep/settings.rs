@@ -47,6 +47,11 @@ impl<'g> Settings<'g> {
         self.value(key)?.as_float()
     }
 
+    /// A name.
+    pub fn name(&self, key: &str) -> Option<String> {
+        self.value(key).map(text)
+    }
+
     /// One of the names of a choice.
     ///
     /// # Errors

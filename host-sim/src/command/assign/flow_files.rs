@@ -3,7 +3,7 @@
 use crate::report::table::{Column, Table};
 use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
-use assignment::{Network, flow_table, text};
+use assignment::{ClassSolution, Network, flow_table, text};
 use kit::error::{Error, Result};
 use kit::files::Text;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
@@ -17,28 +17,39 @@ fn is_parquet(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "parquet")
 }
 
-/// The bytes of a flow file of the kind that its name asks for: one row per link in file order.
+/// The bytes of a flow file of the kind that its name asks for: one row per link in file order. Volumes are passenger cars where
+/// there are classes, whose vehicles and costs follow in columns of their own.
 ///
 /// # Errors
 /// If the table is larger than Parquet can hold.
-pub(super) fn encode(
-    path: &Path,
-    network: &Network,
-    link_flows: &[f64],
-    link_costs: &[f64],
-) -> Result<Vec<u8>> {
-    if !is_parquet(path) {
-        return Ok(check::format_flows(network, link_flows, link_costs).into_bytes());
+pub(super) fn encode(path: &Path, network: &Network, solved: &ClassSolution) -> Result<Vec<u8>> {
+    let ClassSolution { total, classes } = solved;
+    if !is_parquet(path) && classes.is_empty() {
+        let text = check::format_flows(network, &total.link_flows, &total.link_costs);
+        return Ok(text.into_bytes());
     }
     let [init_node, term_node, volume, cost] = columns();
     let links = network.links();
-    Table::new(vec![
+    let mut table = vec![
         nodes(init_node, network, links.iter().map(|link| link.init_node)),
         nodes(term_node, network, links.iter().map(|link| link.term_node)),
-        Column::number(volume, link_flows.iter().copied()),
-        Column::number(cost, link_costs.iter().copied()),
-    ])?
-    .to_parquet()
+        Column::number(volume, total.link_flows.iter().copied()),
+        Column::number(cost, total.link_costs.iter().copied()),
+    ];
+    for class in classes {
+        let (volume, cost) = (
+            format!("{volume}_{}", class.name),
+            format!("{cost}_{}", class.name),
+        );
+        table.push(Column::number(&volume, class.link_flows.iter().copied()));
+        table.push(Column::number(&cost, class.link_costs.iter().copied()));
+    }
+    let table = Table::new(table)?;
+    if is_parquet(path) {
+        table.to_parquet()
+    } else {
+        Ok(table.to_csv().into_bytes())
+    }
 }
 
 /// Names of the columns, the same in both kinds of file.

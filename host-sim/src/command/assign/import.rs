@@ -1,7 +1,9 @@
 //! What the files do not say: options of the readers, and the report of what they assumed.
 
+use crate::assign::AssignInput;
 use crate::command::options::choice;
-use assignment::formats::{Import, ImportOptions, Unreachable, format_lost};
+use assignment::formats::ImportOptions;
+use assignment::imported_demand::{Unreachable, format_lost};
 use assignment::report::{ImportReport, NoteKind, phrase};
 use assignment::units::{Length, Speed};
 use kit::error::{Error, Result};
@@ -90,9 +92,9 @@ impl ImportArguments {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub(super) fn write_lost(&self, import: &Import) -> Result<()> {
+    pub(super) fn write_lost(&self, input: &AssignInput) -> Result<()> {
         match &self.unreachable_pairs {
-            Some(path) => write_whole(path, format_lost(&import.lost).as_bytes()),
+            Some(path) => write_whole(path, format_lost(input.lost()).as_bytes()),
             None => Ok(()),
         }
     }

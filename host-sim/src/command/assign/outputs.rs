@@ -1,13 +1,14 @@
 //! The files that `assign` writes beside its report.
 
 use super::{AssignArguments, flow_files, page};
-use crate::assign::Assignment;
+use crate::assign::{Assignment, vehicle_classes};
 use assignment::report::ImportReport;
 use assignment::{
-    Algorithm, Network, Solution, convergence, formats, geojson, gmns, path_flows, select_link, skims,
+    Algorithm, ClassSolution, Network, PathFlows, convergence, formats, geojson, gmns, path_flows,
+    select_link, skims,
 };
 use kit::error::{Error, Result};
-use kit::files::{check_output, write_set, write_whole};
+use kit::files::{Text, check_output, write_set, write_whole};
 use std::path::{Path, PathBuf};
 
 /// A file or folder that a solve writes.
@@ -58,6 +59,12 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
     // Path flows may take the place of those that they started from; nothing may take that of a network or its demand.
     let mut inputs = vec![PathBuf::from(&arguments.net)];
     inputs.extend(arguments.trips.clone());
+    inputs.extend(arguments.links.clone());
+    if let Some(classes) = &arguments.classes {
+        let described = vehicle_classes::read(classes)?;
+        inputs.extend(described.iter().map(|class| class.trips().to_owned()));
+        inputs.push(classes.clone());
+    }
     inputs.extend(formats::files(Path::new(&arguments.net)).unwrap_or_default());
     inputs.extend(arguments.import.files());
     let lost = ("--unreachable-pairs", &arguments.import.unreachable_pairs);
@@ -160,11 +167,21 @@ impl<'a> Selection<'a> {
         Ok(Self { links })
     }
 
-    fn format(&self, network: &Network, solution: &Solution) -> String {
+    fn format(&self, network: &Network, solved: &ClassSolution) -> String {
+        let rows = |text: &mut String, first: &str, path_flows| {
+            for (from, to, links) in &self.links {
+                let selected = select_link::select_links(path_flows, links);
+                text.push_str(&select_link::format_rows(network, first, from, to, &selected));
+            }
+        };
         let mut text = format!("{}\n", select_link::HEADER);
-        for (from, to, links) in &self.links {
-            let selected = select_link::select_links(&solution.path_flows, links);
-            text.push_str(&select_link::format_rows(network, from, to, &selected));
+        if solved.classes.is_empty() {
+            rows(&mut text, "", &solved.total.path_flows);
+        } else {
+            text.insert_str(0, "class,");
+        }
+        for class in &solved.classes {
+            rows(&mut text, &format!("{},", class.name), &class.path_flows);
         }
         text
     }
@@ -175,7 +192,7 @@ pub(super) fn write(
     arguments: &AssignArguments,
     assignment: &Assignment,
     selection: &Selection<'_>,
-    solution: &Solution,
+    solved: &ClassSolution,
     report: &ImportReport,
 ) -> Result<()> {
     let Assignment {
@@ -185,25 +202,27 @@ pub(super) fn write(
         ..
     } = assignment;
     let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+    let ClassSolution {
+        total: solution,
+        classes,
+    } = solved;
     let (flows, costs) = (&solution.link_flows, &solution.link_costs);
     if let Some(path) = &arguments.flows {
-        files.push((path, flow_files::encode(path, network, flows, costs)?));
+        files.push((path, flow_files::encode(path, network, solved)?));
     }
     if let Some(path) = &arguments.paths {
-        let text = path_flows::format_paths(network, &solution.path_flows, costs);
+        let text = if classes.is_empty() {
+            path_flows::format_paths(network, &solution.path_flows, costs)
+        } else {
+            path_flows::format_class_paths(network, classes)
+        };
         files.push((path, text.into_bytes()));
     }
     if let Some(path) = &arguments.skims {
-        let skims = skims::skims(network, costs)?;
-        let bytes = if path.extension().is_some_and(|ending| ending == "omx") {
-            skims::format_omx(network, &skims)?
-        } else {
-            skims::format_skims(network, &skims).into_bytes()
-        };
-        files.push((path, bytes));
+        files.push((path, skim_file(path, assignment, solved)?));
     }
     if let Some(path) = &arguments.selected {
-        files.push((path, selection.format(network, solution).into_bytes()));
+        files.push((path, selection.format(network, solved).into_bytes()));
     }
     if let Some(path) = &arguments.convergence {
         let text = convergence::format_convergence(&solution.convergence);
@@ -237,6 +256,47 @@ pub(super) fn write(
         write_whole(path, &bytes)?;
     }
     gmns.map_or(Ok(()), |(folder, set)| write_set(folder, &set))
+}
+
+/// Skims of the kind that the file's name asks for.
+fn skim_file(path: &Path, assignment: &Assignment, solved: &ClassSolution) -> Result<Vec<u8>> {
+    let network = &assignment.network;
+    let classes = assignment.classes.iter().zip(&solved.classes);
+    let mut skims = Vec::new();
+    for (class, flows) in classes {
+        let own = skims::class_skims(network, class, &flows.link_costs)?;
+        skims.push((class.name.as_str(), own));
+    }
+    let is_omx = path.extension().is_some_and(|ending| ending == "omx");
+    if skims.is_empty() {
+        let all = skims::skims(network, &solved.total.link_costs)?;
+        if !is_omx {
+            return Ok(skims::format_skims(network, &all).into_bytes());
+        }
+        skims.push(("", all));
+    }
+    if is_omx {
+        skims::format_omx(network, &skims)
+    } else {
+        Ok(skims::format_class_skims(network, &skims).into_bytes())
+    }
+}
+
+/// The paths to start from, of each class or the only ones; none if no file was given.
+pub(super) fn start(arguments: &AssignArguments, assignment: &Assignment) -> Result<Vec<PathFlows>> {
+    let Some(path) = &arguments.warm else {
+        return Ok(Vec::new());
+    };
+    let (text, network) = (Text::read(path)?, &assignment.network);
+    if assignment.classes.is_empty() {
+        return Ok(vec![path_flows::read_paths(&text, network)?]);
+    }
+    let names: Vec<&str> = assignment
+        .classes
+        .iter()
+        .map(|class| class.name.as_str())
+        .collect();
+    path_flows::read_class_paths(&text, network, &names)
 }
 
 /// What was written, with a word for each, in the order of the options.

@@ -5,6 +5,7 @@ use crate::assign::AssignSource;
 use crate::report::chart::Scale;
 use crate::sweep::Settings;
 use crate::sweep::axis::{GRID, Kind};
+use assignment::formats::ImportOptions;
 use kit::error::Result;
 
 /// `host-sim assign`.
@@ -22,6 +23,12 @@ pub static COMMAND: Command = Command {
         ("toll_weight", Kind::Number),
         ("distance_weight", Kind::Number),
         ("demand_factor", Kind::Number),
+        ("links", Kind::File(None)),
+        ("delay", Kind::Text),
+        ("delay_period", Kind::Number),
+        ("turns", Kind::File(None)),
+        ("matrix", Kind::Text),
+        ("unreachable", Kind::Text),
     ],
     policies: &[],
     counts: &[
@@ -83,13 +90,24 @@ fn prepare(settings: &Settings<'_>) -> Result<Task> {
         objective: settings.choice("objective")?.unwrap_or(default.objective),
         gap: settings.number("gap"),
         max_iterations: most.map_or(default.max_iterations, |most| most as usize),
+        links: settings.file("links"),
+        delay: settings
+            .name("delay")
+            .map_or(Ok(default.delay), |name| name.parse())?,
+        period_hours: settings.number("delay_period").unwrap_or(default.period_hours),
+        unreachable: settings.choice("unreachable")?.unwrap_or(default.unreachable),
+        import: ImportOptions {
+            turns: settings.file("turns"),
+            matrix: settings.name("matrix"),
+            ..default.import
+        },
         // Points run side by side.
         threads: 1,
         ..default
     };
     let assignment = source.read()?;
     Ok(Box::new(move || {
-        let solution = assignment.solve(None, &mut assignment::uninterrupted)?;
+        let solution = assignment.solve(&[], &mut assignment::uninterrupted)?;
         Ok(assignment.to_json(&solution))
     }))
 }
