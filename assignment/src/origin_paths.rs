@@ -95,6 +95,8 @@ pub(crate) struct Workshop {
     ends: Vec<u32>,
     flows: Vec<f64>,
     pair_ends: Vec<u32>,
+    /// Of each pair whose paths are those of an old choice, that choice and the first of its paths.
+    same: Vec<Option<(u32, u32)>>,
     /// Per node, where the cheapest path to it stands in the tree of known ones, if it does.
     known_ends: Vec<u32>,
     /// Per position of that tree.
@@ -110,6 +112,7 @@ impl Workshop {
             ends: Vec::new(),
             flows: Vec::new(),
             pair_ends: Vec::new(),
+            same: Vec::new(),
             known_ends: vec![NOWHERE; network.numbering().nodes as usize],
             costs: Vec::new(),
             carried: Vec::new(),
@@ -123,6 +126,7 @@ impl Workshop {
         self.ends.clear();
         self.flows.clear();
         self.pair_ends.clear();
+        self.same.clear();
         self.known_ends.fill(NOWHERE);
         self.known_ends[origin as usize] = ROOT;
     }
@@ -160,46 +164,90 @@ impl Workshop {
 
     /// Closes the open pair.
     pub(crate) fn end_pair(&mut self) {
+        self.end_same_pair(None);
+    }
+
+    /// Closes the open pair, whose paths may be those of an old choice.
+    fn end_same_pair(&mut self, same: Option<(u32, u32)>) {
         self.pair_ends.push(self.ends.len() as u32);
+        self.same.push(same);
     }
 }
 
 impl OriginPaths {
-    /// The paths in the `workshop`, which lie in `tree`, for pairs with these `demands` of a class with these `surcharges`.
+    /// The paths in the `workshop`, which lie in `tree`, for pairs with these `demands` of a class with these `surcharges`; the tree
+    /// may have other ways, too.
     pub(crate) fn new(
         tree: PathTree,
         workshop: &mut Workshop,
         demands: impl Iterator<Item = f64>,
         surcharges: &[f64],
+        has_others: bool,
     ) -> Self {
         let mut made = Self {
             tree,
             ..Self::default()
         };
-        made.take_from(workshop, demands, surcharges);
+        made.take_from(workshop, demands, surcharges, has_others);
         made
     }
 
-    fn take_from(&mut self, workshop: &mut Workshop, demands: impl Iterator<Item = f64>, surcharges: &[f64]) {
-        self.tree.prune(&mut workshop.ends, &mut workshop.moved);
+    /// Takes over all pairs; the tree needs pruning where some of its ways were `dropped`.
+    fn take_from(
+        &mut self,
+        workshop: &mut Workshop,
+        demands: impl Iterator<Item = f64>,
+        surcharges: &[f64],
+        dropped: bool,
+    ) {
+        if dropped {
+            self.tree.prune(&mut workshop.ends, &mut workshop.moved);
+        } else {
+            self.tree.shrink();
+        }
         let counts = || {
             let ends = workshop.pair_ends.iter();
             ends.scan(0, |begin, &end| Some(end - std::mem::replace(begin, end)))
         };
         let with_choice = || counts().filter(|&paths| paths > 1);
         // To the number: one that grows takes up to twice the room.
-        self.choices = Vec::with_capacity(with_choice().count());
-        self.paths = Vec::with_capacity(with_choice().sum::<u32>() as usize);
+        let choices = Vec::with_capacity(with_choice().count());
+        let paths = Vec::with_capacity(with_choice().sum::<u32>() as usize);
+        let old_choices = std::mem::replace(&mut self.choices, choices);
+        let old_paths = std::mem::replace(&mut self.paths, paths);
         self.pairs.clear();
         self.pairs.reserve_exact(workshop.pair_ends.len());
         let mut begin = 0;
-        for (&end, demand) in workshop.pair_ends.iter().zip(demands) {
+        let pairs = workshop.pair_ends.iter().zip(&workshop.same);
+        for ((&end, &same), demand) in pairs.zip(demands) {
             let range = std::mem::replace(&mut begin, end as usize)..end as usize;
             if let [only] = workshop.ends[range.clone()] {
                 self.pairs.push(only);
                 continue;
             }
             self.pairs.push(CHOICE | self.choices.len() as u32);
+            if let Some((choice, first)) = same {
+                let moved = |position: u32| {
+                    if dropped {
+                        workshop.moved[position as usize]
+                    } else {
+                        position
+                    }
+                };
+                let (choice, first) = (&old_choices[choice as usize], first as usize);
+                self.choices.push(Choice {
+                    fork: moved(choice.fork),
+                    ..choice.clone()
+                });
+                let paths = &old_paths[first..first + choice.paths as usize];
+                self.paths.extend(paths.iter().map(|path| Path {
+                    flow_before: path.flow,
+                    end: moved(path.end),
+                    own_end: moved(path.own_end),
+                    ..path.clone()
+                }));
+                continue;
+            }
             let ends = &workshop.ends[range.clone()];
             let fork = ends
                 .iter()
@@ -257,39 +305,42 @@ impl OriginPaths {
     ) -> f64 {
         workshop.begin(origin);
         self.look_through(workshop, network, cheapest, link_costs);
-        let mut paths = self.paths.iter();
+        let mut first = 0;
         let mut shortest_path_cost = 0.0;
-        let mut changed = false;
+        let (mut grown, mut dropped) = (false, false);
         for (&pair, &(destination, volume)) in self.pairs.iter().zip(destinations) {
             let mut known = f64::INFINITY;
+            let mut same = None;
             if pair & CHOICE == 0 {
                 known = workshop.costs[pair as usize];
                 workshop.push(pair, volume);
             } else {
-                let count = self.choices[(pair & !CHOICE) as usize].paths as usize;
-                for path in paths.by_ref().take(count) {
+                let choice = pair & !CHOICE;
+                let count = self.choices[choice as usize].paths;
+                same = Some((choice, first));
+                for path in &self.paths[first as usize..(first + count) as usize] {
                     if path.flow > 0.0 {
                         known = known.min(workshop.costs[path.end as usize]);
                         workshop.push(path.end, path.flow);
                     } else {
-                        changed = true;
+                        dropped = true;
+                        same = None;
                     }
                 }
+                first += count;
             }
             let cost = cheapest.cost_to(destination);
             shortest_path_cost += volume * cost;
             if cost < known * (1.0 - PATH_COST_TOLERANCE) {
                 workshop.push_cheapest(&mut self.tree, network, cheapest, destination, 0.0);
-                changed = true;
+                grown = true;
+                same = None;
             }
-            workshop.end_pair();
+            workshop.end_same_pair(same);
         }
-        if changed {
-            self.take_from(
-                workshop,
-                destinations.iter().map(|&(_, volume)| volume),
-                surcharges,
-            );
+        if grown || dropped {
+            let demands = destinations.iter().map(|&(_, volume)| volume);
+            self.take_from(workshop, demands, surcharges, dropped);
         }
         shortest_path_cost
     }

@@ -244,7 +244,7 @@ impl Block {
         }
         let demands = from.destinations.iter().map(|&(_, volume)| volume);
         let surcharges = &problem.classes[self.class].surcharges;
-        let paths = OriginPaths::new(tree, &mut self.workshop, demands, surcharges);
+        let paths = OriginPaths::new(tree, &mut self.workshop, demands, surcharges, known.is_some());
         paths.load(&mut self.workshop, &from.destinations, &mut state.flows);
         self.paths.push(paths);
         Ok(())

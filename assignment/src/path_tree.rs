@@ -108,6 +108,11 @@ impl PathTree {
         }
     }
 
+    /// Gives back the room that growing took in advance.
+    pub(crate) fn shrink(&mut self) {
+        self.entries.shrink_to_fit();
+    }
+
     /// Keeps only the ways that end at one of `ends`, and moves these to their new positions. `moved` is room to work in.
     pub(crate) fn prune(&mut self, ends: &mut [u32], moved: &mut Vec<u32>) {
         moved.clear();
