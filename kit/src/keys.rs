@@ -294,14 +294,22 @@ fn number(value: f64) -> String {
     }
 }
 
-/// Checks all values against the ranges of their keys. A key without a value passes.
+/// Checks all values against the ranges of their keys, those in lists of sections too. A key without a value passes.
 ///
 /// # Errors
-/// The first key that is out of its range as `section.key`, its value and its range.
+/// The first key that is out of its range as `section.key` or, in a list, `list[0].key`, its value and its range; in a list also
+/// one that is unknown.
 pub fn check(keys: &[Key], values: &Table) -> Result<()> {
     listed(keys)
         .iter()
         .try_for_each(|(name, key)| match value(values, name) {
+            Some(Value::Array(entries))
+                if let Kind::List(Kind::Section(keys), _) = key.kind
+                    && entries.len() <= key.longest =>
+            {
+                let mut entries = entries.iter().enumerate();
+                entries.try_for_each(|(index, entry)| check_entry(&format!("{name}[{index}]"), keys, entry))
+            }
             Some(found) if !key.admits(key.kind, found) => {
                 // As people write it: 3 instead of 3.0.
                 let found = found
@@ -311,6 +319,33 @@ pub fn check(keys: &[Key], values: &Table) -> Result<()> {
             }
             _ => Ok(()),
         })
+}
+
+/// Checks a section of a list, which errors call by its name there.
+fn check_entry(name: &str, keys: &'static [Key], entry: &Value) -> Result<()> {
+    let Value::Table(values) = entry else {
+        return Err(Error::input(name, entry, Kind::Section(keys).described()));
+    };
+    if let Some(unknown) = values
+        .keys()
+        .find(|&value| keys.iter().all(|key| key.name != value))
+    {
+        let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
+        let expected = format!("one of {}", names.join(", "));
+        return Err(Error::input(
+            format!("{name}.{unknown}"),
+            "an unknown key",
+            expected,
+        ));
+    }
+    check(keys, values).map_err(|error| match error {
+        Error::Input {
+            place,
+            found,
+            expected,
+        } => Error::input(format!("{name}.{place}"), found, expected),
+        other => other,
+    })
 }
 
 /// All keys that have values, with their names as `section.key`, in the order of the presets.

@@ -93,7 +93,7 @@ impl<'k> Layers<'k> {
                 place,
                 found,
                 expected,
-            } => match self.files.get(&place) {
+            } => match self.files.get(place.split('[').next().unwrap_or_default()) {
                 Some(path) => Error::input(format!("{}: key {place}", path.display()), found, expected),
                 None => Error::input(place, found, expected),
             },
@@ -304,7 +304,19 @@ mod tests {
             ),
             (
                 "scene.cells=[{ frequency = 10 }]",
-                "scene.cells: found [{ frequency = 10 }], expected at most 4 times keys below it",
+                "scene.cells[0].frequency: found 10, expected 1 to 9 1/s",
+            ),
+            (
+                "scene.cells=[{ frequency = 1 }, { requency = 1 }]",
+                "scene.cells[1].requency: found an unknown key, expected one of frequency",
+            ),
+            (
+                "scene.cells=[7]",
+                "scene.cells[0]: found 7, expected keys below it",
+            ),
+            (
+                "scene.cells=[{}, {}, {}, {}, {}]",
+                "scene.cells: found [{}, {}, {}, {}, {}], expected at most 4 times keys below it",
             ),
         ] {
             assert_eq!(read(None, setting).unwrap_err().to_string(), expected);

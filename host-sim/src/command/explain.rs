@@ -90,6 +90,10 @@ fn page(name: &str, key: &Key, presets: &[(&'static str, toml::Table)]) -> Strin
         }
         _ => lines.push(format!("  range: {}", key.range())),
     }
+    if let Kind::List(Kind::Section(keys), _) = key.kind {
+        let line = |key: &Key| format!("  {}: {} Range: {}", key.name, key.meaning, key.range());
+        lines.extend(keys.iter().map(line));
+    }
     lines.push(format!("  source: {}", key.source));
     for (preset, value) in values.filter(|(_, value)| Some(*value) != default) {
         lines.push(format!("  in preset {preset}: {value}"));
