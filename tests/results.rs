@@ -113,7 +113,7 @@ fn the_shipped_table_is_what_its_seed_gives_and_loses_nothing_to_its_float_netwo
         ..Default::default()
     };
     let made = trainer::distil::table::distil_table(
-        &trainer::distil::table::shipped_scenario().unwrap(),
+        &trainer::distil::table::shipped_mixture().unwrap(),
         &recipe,
         *shipped.provenance(),
         |_| (),

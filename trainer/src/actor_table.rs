@@ -1,11 +1,13 @@
 //! A trained actor as a weight table: calibrated on worlds of its own training, then the same quantiser and format as
 //! everything else.
 
-use crate::evaluate::{Setting, watch_inputs};
+use crate::configuration::Configuration;
+use crate::evaluate::watch_inputs;
 use crate::export::{Header, table_bytes};
 use crate::forms::at_code_one;
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::random;
+use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::provenance::provenance;
 use crate::quantise::quantise;
@@ -13,13 +15,14 @@ use crate::run_folder::RunIdentity;
 use firmware::form::{CONTINUOUS_ONE, OutputForm};
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
 use firmware::units::SubChannels;
+use host_sim::stream::Role;
 use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Worlds that activations are calibrated on, from the fewest to the most vehicles of the training, and their slots, which
-/// begin with all ages at their largest (chosen: 16 worlds are about 50,000 inputs).
+/// Worlds of each cell that activations are calibrated on, from the fewest to the most vehicles of the training, and their slots,
+/// which begin with all ages at their largest (chosen: 16 worlds are about 50,000 inputs).
 const WORLDS: u64 = 16;
 const SLOTS: u32 = 150;
 
@@ -63,6 +66,14 @@ pub fn check_widths(actors: &Actors) -> Result<()> {
     }
 }
 
+/// The cells that activations are calibrated on: those of the training.
+fn calibration(configuration: &Configuration, form: ActorForm) -> Mixture {
+    match configuration.mixture.as_slice() {
+        [] => Mixture::alone(&configuration.scenario, [form.min_vehicles, form.max_vehicles]),
+        cells => Mixture::of(cells.to_vec()),
+    }
+}
+
 /// Tables of these networks: the one that all vehicles share, or those of some vehicles.
 ///
 /// # Errors
@@ -73,15 +84,18 @@ pub fn actor_tables(
     vehicles: Range<usize>,
 ) -> Result<Vec<WeightTable>> {
     check_widths(actors)?;
-    let scenario = &identity.configuration.scenario;
-    let setting = Setting::of_scenario(scenario);
-    let watched: Vec<Vec<(usize, Vec<i8>)>> = (0..WORLDS)
+    let mixture = calibration(&identity.configuration, actors.form);
+    let setting = mixture.setting();
+    let cells = mixture.cells();
+    let watched: Vec<Vec<(usize, Vec<i8>)>> = (0..WORLDS * cells.len() as u64)
         .into_par_iter()
         .map(|world| {
-            let mut scenario = scenario.clone();
-            let (least, most) = (actors.form.min_vehicles, actors.form.max_vehicles);
-            scenario.cell.vehicles = least + ((u64::from(most - least) * world) / (WORLDS - 1)) as u32;
-            let worlds = FIRST_WORLD + world..FIRST_WORLD + world + 1;
+            let (cell, part) = (&cells[(world / WORLDS) as usize], world % WORLDS);
+            let first = random::world(identity.seed, 0, 1, FIRST_WORLD + world);
+            let mut scenario = cell.draw(&mut first.stream(Role::Policy, 0));
+            let [least, most] = cell.vehicles;
+            scenario.cell.vehicles = least + ((u64::from(most - least) * part) / (WORLDS - 1)) as u32;
+            let worlds = first.world..first.world + 1;
             let mut environment = random::worlds(&scenario, identity.seed, worlds);
             let mut inputs = Vec::new();
             watch_inputs(&mut environment, actors, setting, SLOTS, |vehicle, input| {
@@ -94,7 +108,7 @@ pub fn actor_tables(
         .collect();
     let continuous = actors.form.output == OutputForm::SubChannelAndPower;
     let output_step = continuous.then_some(1.0 / f64::from(CONTINUOUS_ONE));
-    let sub_channels = scenario.radio.sub_channels as usize;
+    let sub_channels = mixture.sub_channels() as usize;
     let header = Header {
         max_sub_channels: SubChannels::new(sub_channels).unwrap_or(SubChannels::ONE),
         observation_form: actors.form.observation,

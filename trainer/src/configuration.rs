@@ -8,6 +8,7 @@ use crate::forms;
 use crate::laboratory::learner::Learner;
 use crate::maddpg::in_cell::MaddpgInCell;
 use crate::maddpg::options::Maddpg;
+use crate::mixture::{self, CellSource, MixedCell, Mixture};
 use crate::ppo::{self, PpoLearner};
 use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::{self, Scenario};
@@ -49,6 +50,10 @@ keys! {
         maddpg: Option<Maddpg>,
         /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole cell.
         ppo: Option<ppo::Recipe>,
+        /// Cells to learn in instead of `scenario` alone: an array of tables, each with a preset of the simulator and a weight. What
+        /// is set under `scenario` lies over each preset, a cell's own settings over that. None: `scenario` alone.
+        #[key(longest = mixture::CELLS, source = "chosen")]
+        mixture: Option<Vec<CellSource>>,
         /// The cell to learn in.
         scenario: Scenario,
     }
@@ -72,12 +77,15 @@ pub enum Algorithm {
 pub struct Configuration {
     /// The cell to learn in.
     pub scenario: Scenario,
+    /// Cells to learn in instead, if there are any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mixture: Vec<MixedCell>,
     /// How.
     pub algorithm: Algorithm,
 }
 
 /// The command that lists all keys.
-const EXPLAIN: &str = "trainer explain";
+pub(crate) const EXPLAIN: &str = "trainer explain";
 
 /// Where a configuration comes from.
 #[derive(Clone, Debug)]
@@ -107,12 +115,16 @@ impl Preset {
     /// # Errors
     /// A preset that is no TOML.
     pub fn values(self) -> Result<Table> {
-        Ok(self.layers(Layout::KEYS)?.values().clone())
+        Ok(self
+            .layers(scenario::Preset::Paper, Layout::KEYS)?
+            .values()
+            .clone())
     }
 
-    fn layers(self, keys: &[Key]) -> Result<Layers<'_>> {
+    /// Its layers over a scenario.
+    fn layers(self, scenario: scenario::Preset, keys: &[Key]) -> Result<Layers<'_>> {
         let mut layers = Layers::new(keys, EXPLAIN);
-        let scenario = Value::Table(scenario::Preset::Paper.values());
+        let scenario = Value::Table(scenario.values());
         layers.lay(Table::from_iter([("scenario".to_owned(), scenario)]), None)?;
         layers.lay(parse("preset", self.text())?, None)?;
         Ok(layers)
@@ -137,12 +149,25 @@ impl Algorithm {
         }
     }
 
-    /// Checks keys against each other and the scenario.
-    fn check(&self, scenario: &Scenario) -> Result<()> {
-        let (observation, output) = match self {
+    /// What its actors see and do.
+    const fn forms(&self) -> (ObservationForm, OutputForm) {
+        match self {
             Self::Maddpg(maddpg) => (maddpg.observation, maddpg.action),
             Self::Evolution(_) | Self::Ppo(_) => (ObservationForm::Ring, OutputForm::Actions),
-        };
+        }
+    }
+
+    /// Fewest and most vehicles of a cell of a mixture that does not say.
+    const fn vehicles(&self, scenario: &Scenario) -> [u32; 2] {
+        match self {
+            Self::Ppo(recipe) => recipe.vehicles(),
+            Self::Evolution(_) | Self::Maddpg(_) => [scenario.cell.vehicles; 2],
+        }
+    }
+
+    /// Checks keys against each other and the scenario.
+    fn check(&self, scenario: &Scenario) -> Result<()> {
+        let (observation, output) = self.forms();
         forms::check_sub_channels("scenario.radio.sub_channels", scenario, observation, output)?;
         match self {
             Self::Evolution(evolution) => evolution.check(scenario),
@@ -161,15 +186,20 @@ impl ConfigurationSource {
         let preset = self.preset.values()?;
         let in_preset = |key: &&Key| preset.contains_key(key.name);
         let keys: Vec<Key> = Layout::KEYS.iter().filter(in_preset).copied().collect();
-        let mut layers = self.preset.layers(&keys)?;
-        layers.lay_over(self.file.as_deref(), &self.settings)?;
+        let layers = |base| {
+            let mut layers = self.preset.layers(base, &keys)?;
+            layers.lay_over(self.file.as_deref(), &self.settings)?;
+            Ok(layers)
+        };
+        let lowest = layers(scenario::Preset::Paper)?;
         let Layout {
             algorithm: asked,
             evolution,
             maddpg,
             ppo,
+            mixture,
             scenario,
-        } = layers.read()?;
+        } = lowest.read()?;
         let algorithm = evolution
             .map(Algorithm::Evolution)
             .or(maddpg.map(Algorithm::Maddpg))
@@ -182,12 +212,67 @@ impl ConfigurationSource {
         scenario.check()?;
         algorithm
             .check(&scenario)
-            .map_err(|error| layers.located(error))?;
-        Ok(Configuration { scenario, algorithm })
+            .map_err(|error| lowest.located(error))?;
+        let mixture = match mixture.unwrap_or_default() {
+            cells if cells.is_empty() => Vec::new(),
+            cells => {
+                let common = |preset| Ok(section(layers(preset)?.values(), "scenario"));
+                let read = Mixture::read(&cells, algorithm.vehicles(&scenario), common);
+                read.map_err(|error| lowest.located(error))?.cells().to_vec()
+            }
+        };
+        let configuration = Configuration {
+            scenario,
+            mixture,
+            algorithm,
+        };
+        configuration.check().map_err(|error| lowest.located(error))?;
+        Ok(configuration)
     }
 }
 
+/// A section's values.
+fn section(values: &Table, name: &str) -> Table {
+    values
+        .get(name)
+        .and_then(Value::as_table)
+        .cloned()
+        .unwrap_or_default()
+}
+
 impl Configuration {
+    /// The cells to learn in: those of the mixture, or the scenario alone.
+    pub fn cells(&self) -> Mixture {
+        match self.mixture.as_slice() {
+            [] => Mixture::alone(&self.scenario, self.algorithm.vehicles(&self.scenario)),
+            cells => Mixture::of(cells.to_vec()),
+        }
+    }
+
+    /// Checks what depends on the cells.
+    fn check(&self) -> Result<()> {
+        let (observation, output) = self.algorithm.forms();
+        for (index, cell) in self.mixture.iter().enumerate() {
+            let key = format!("{}: radio.sub_channels", mixture::place(index));
+            forms::check_sub_channels(&key, &cell.scenario, observation, output)?;
+        }
+        match &self.algorithm {
+            Algorithm::Ppo(recipe) => recipe.check_cells(&self.cells()),
+            Algorithm::Evolution(_) | Algorithm::Maddpg(_) if self.mixture.is_empty() => Ok(()),
+            other => {
+                let expected = format!(
+                    "none with {}, which learns in `scenario` alone; ppo learns in mixtures",
+                    other.name()
+                );
+                Err(Error::input(
+                    "mixture",
+                    format!("{} cells", self.mixture.len()),
+                    expected,
+                ))
+            }
+        }
+    }
+
     /// The learner before its first episode.
     ///
     /// # Errors
@@ -201,7 +286,7 @@ impl Configuration {
             ))),
             Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgInCell::new(&self.scenario, maddpg, seed))),
             Algorithm::Ppo(recipe) => {
-                let learner = PpoLearner::new(self.scenario.clone(), recipe.clone(), seed)?;
+                let learner = PpoLearner::new(self.cells(), recipe.clone(), seed)?;
                 Ok(Box::new(learner))
             }
         }
@@ -308,6 +393,95 @@ mod tests {
                 "scenario.radio.sub_channels: found 17, expected at most 16, which units know"
             );
         }
+    }
+
+    /// From the lowest: a cell's preset, what the training preset and the user set for all cells, what the cell sets.
+    #[test]
+    fn cells_of_a_mixture_are_laid_over_their_presets() {
+        let mixture = "mixture=[{ preset = 'street', weight = 1 }, { preset = 'edge', weight = 2, vehicles = [8, 9], \
+                       set = ['cell.vehicles=9', 'feedback.place_loss=0.5'] }]";
+        let read = Preset::FineTune
+            .with(&[mixture, "scenario.cell.vehicles=30"])
+            .unwrap();
+        let [street, edge] = &read.mixture[..] else {
+            panic!("{:?}", read.mixture)
+        };
+        let cell = |cell: &MixedCell| {
+            (
+                cell.scenario.cell.vehicles,
+                cell.scenario.cell.replacement_probability,
+            )
+        };
+        assert_eq!((cell(street), cell(edge)), ((30, 1e-3), (9, 1e-3)));
+        assert!(street.scenario.fading.follows_speed && !edge.scenario.fading.follows_speed);
+        assert_eq!(edge.scenario.radio.max_power_dbm, 23.0);
+        assert_eq!((street.vehicles, edge.vehicles), ([3, 72], [8, 9]));
+        assert_eq!((edge.weight, edge.scenario.feedback.place_loss), (2.0, 0.5));
+        let written = serde_json::to_string(&read).unwrap();
+        assert_eq!(serde_json::from_str::<Configuration>(&written).unwrap(), read);
+        // A run in one cell is written as before there were mixtures.
+        let alone = Preset::FineTune.with(&[]).unwrap();
+        assert!(!serde_json::to_string(&alone).unwrap().contains("mixture"));
+        assert_eq!(alone.cells(), Mixture::alone(&alone.scenario, [3, 72]));
+    }
+
+    #[test]
+    fn mixtures_that_do_not_fit_are_refused_by_their_key() {
+        let message = |preset: Preset, cells: &str, setting: &str| {
+            let mixture = format!("mixture=[{cells}]");
+            preset.with(&[&mixture, setting]).unwrap_err().to_string()
+        };
+        let two = "{ preset = 'paper', weight = 1 }, { preset = 'edge', weight = 1, set = ['radio.sub_channels=4'] }";
+        for (preset, cells, setting, expected) in [
+            (
+                Preset::FineTune,
+                "{ preset = 'stret', weight = 1 }",
+                "ppo.batches=2",
+                "mixture[0].preset: found \"stret\", expected \"paper\", \"companion\", \"street\", \"edge\"",
+            ),
+            (
+                Preset::FineTune,
+                "{ preset = 'street' }",
+                "ppo.batches=2",
+                "mixture[0].weight: found none, expected 1e-6 to 1e6",
+            ),
+            (
+                Preset::Ppo,
+                "{ preset = 'paper', weight = 1 }, { preset = 'edge', weight = 9 }",
+                "ppo.batches=3",
+                "mixture[0].weight: found 1, none for \"paper\", expected enough for one of the 3 ppo.batches",
+            ),
+            (
+                Preset::Paper,
+                two,
+                "maddpg.episodes=9",
+                "mixture[1]: radio.sub_channels: found 4, expected 3, which actors know unless their observation is \
+                 \"firmware\" and their action \"actions\"",
+            ),
+            (
+                Preset::Freshlane,
+                two,
+                "maddpg.episodes=9",
+                "mixture: found 2 cells, expected none with maddpg, which learns in `scenario` alone; ppo learns in mixtures",
+            ),
+        ] {
+            assert_eq!(message(preset, cells, setting), expected);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mine.toml");
+        std::fs::write(&file, "[[mixture]]\npreset = \"edge\"\nweight = 0").unwrap();
+        let source = ConfigurationSource {
+            preset: Preset::Ppo,
+            file: Some(file.clone()),
+            settings: Vec::new(),
+        };
+        assert_eq!(
+            source.read().unwrap_err().to_string(),
+            format!(
+                "{}: key mixture[0].weight: found 0, expected 1e-6 to 1e6",
+                file.display()
+            )
+        );
     }
 
     #[test]

@@ -18,6 +18,7 @@ pub mod laboratory;
 #[cfg(feature = "program")]
 pub mod learning_curves;
 pub mod maddpg;
+pub mod mixture;
 pub mod network;
 pub mod onnx;
 pub mod ppo;

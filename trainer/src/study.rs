@@ -10,6 +10,7 @@ use crate::training::{Conduct, train};
 use firmware::table::Table;
 use host_sim::age::AgeSummary;
 use host_sim::mobility::Grid;
+use host_sim::scenario::Scenario;
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::weight_table::WeightTable;
 use host_sim::{Shard, thread_pool};
@@ -69,6 +70,9 @@ pub struct Case {
 /// Mean age of one form of a run's actors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FormResult {
+    /// In which cell, where the run is of a mixture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
     /// `actor` (int8), `float` (greedy) or `exploring`.
     pub form: String,
     /// Over vehicles, slots and worlds.
@@ -188,8 +192,11 @@ impl Plan {
             while let Some(&(case, seed)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let run = pool.install(|| self.carry_out_one(out, case, seed))?;
                 if !conduct.quiet {
-                    let greedy = run.greedy().map_or(f64::NAN, |form| form.mean_age_ms);
-                    kit::remark!("{}, seed {seed}: {greedy:.3} ms", self.case[case].name);
+                    for cell in run.cells() {
+                        let greedy = run.greedy(cell).map_or(f64::NAN, |form| form.mean_age_ms);
+                        let name = in_cell(&self.case[case].name, cell);
+                        kit::remark!("{name}, seed {seed}: {greedy:.3} ms");
+                    }
                 }
                 if let Ok(mut results) = results.lock() {
                     results.push(run);
@@ -290,9 +297,25 @@ fn read_evaluation(path: &Path, stamp: &Value) -> Option<Vec<FormResult>> {
 }
 
 impl Evaluation {
+    /// All forms, in each cell of a mixture.
     fn forms(&self, identity: &RunIdentity, trained: &TrainedActors) -> Result<Vec<FormResult>> {
+        let configuration = &identity.configuration;
+        if configuration.mixture.is_empty() {
+            return self.forms_in(None, &configuration.scenario, trained);
+        }
+        let cells = configuration.mixture.iter();
+        let each = cells.map(|cell| self.forms_in(Some(&cell.name), &cell.scenario, trained));
+        Ok(each.collect::<Result<Vec<_>>>()?.concat())
+    }
+
+    fn forms_in(
+        &self,
+        cell: Option<&str>,
+        scenario: &Scenario,
+        trained: &TrainedActors,
+    ) -> Result<Vec<FormResult>> {
         let simulation = Simulation {
-            scenario: &identity.configuration.scenario,
+            scenario,
             source: &Grid,
             extent: Extent {
                 seed: self.seed,
@@ -306,6 +329,7 @@ impl Evaluation {
         let mut forms = Vec::new();
         let mut add = |form: &str, ages: AgeSummary| {
             forms.push(FormResult {
+                cell: cell.map(str::to_owned),
                 form: form.to_owned(),
                 mean_age_ms: ages.mean_ms,
                 mean_age_ci95_ms: ages.ci95_ms,
@@ -328,15 +352,28 @@ impl Evaluation {
 }
 
 impl StudyRun {
-    /// The form of this name.
-    pub fn form(&self, name: &str) -> Option<&FormResult> {
-        self.forms.iter().find(|result| result.form == name)
+    /// The cells of its mixture; without one, the scenario, which has no name.
+    pub fn cells(&self) -> Vec<Option<&str>> {
+        let mut cells: Vec<_> = self.forms.iter().map(|form| form.cell.as_deref()).collect();
+        cells.dedup();
+        cells
+    }
+
+    /// The form of this name in a cell.
+    pub fn form(&self, cell: Option<&str>, name: &str) -> Option<&FormResult> {
+        let is_it = |result: &&FormResult| result.form == name && result.cell.as_deref() == cell;
+        self.forms.iter().find(is_it)
     }
 
     /// The deployed form: int8 where there is one, else the greedy float networks.
-    pub fn greedy(&self) -> Option<&FormResult> {
-        self.form("actor").or_else(|| self.form("float"))
+    pub fn greedy(&self, cell: Option<&str>) -> Option<&FormResult> {
+        self.form(cell, "actor").or_else(|| self.form(cell, "float"))
     }
+}
+
+/// A case in a cell, for people.
+pub(crate) fn in_cell(case: &str, cell: Option<&str>) -> String {
+    cell.map_or_else(|| case.to_owned(), |cell| format!("{case}, {cell}"))
 }
 
 /// A case's name with only letters, digits and hyphens.

@@ -33,7 +33,7 @@ impl TrainedActors {
             // Each vehicle's own table, or one of a run that is still going on, is made when it is asked for.
             Some(identity) if !folder.table().exists() => {
                 let tables = actor_tables(identity, &actors, 0..actors.networks.len());
-                (Setting::of_scenario(&identity.configuration.scenario), tables)
+                (identity.configuration.cells().setting(), tables)
             }
             _ => {
                 let table = own_table(folder, &actors, identity.as_ref())?;

@@ -1,5 +1,6 @@
 //! `trainer eval`: a table, or all forms of a run's actors, on held-out worlds.
 
+use crate::command::cells::{self, InCell};
 use crate::evaluate::{Setting, exploring, float, quantised};
 use crate::forms::check_sub_channels;
 use crate::laboratory::actors::ActorForm;
@@ -18,7 +19,7 @@ use host_sim::weight_table::WeightTable;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::say;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -27,7 +28,8 @@ use std::time::{Duration, Instant};
 #[command(mut_arg("policy", |policy| policy.help("Policy to run beside a run's actors (repeatable) [default: central with --run, else all]")))]
 pub struct EvalArguments {
     /// Folder of a training run: evaluates its actors in int8 (actor), in float (float), and exploring as in training
-    /// (exploring); in the scenario of the run unless --set changes it; beside the central scheduler unless --policy is given
+    /// (exploring); in the scenario of the run unless --set changes it; beside the central scheduler unless --policy is given.
+    /// A run of a mixture: in each of its cells, beside clock, assigned, central and the shipped table
     #[arg(long, value_name = "DIR", conflicts_with = "table")]
     pub run: Option<PathBuf>,
     /// Worlds, policies and output.
@@ -53,6 +55,11 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     let trained = pool.install(|| TrainedActors::read(&RunFolder::new(folder)))?;
     if let Some(identity) = &trained.identity {
         take_scenario_of(identity, options, &mut source)?;
+        let mixture = &identity.configuration.mixture;
+        if !mixture.is_empty() {
+            let each = || cells::in_each(mixture, &trained, &source, Forms::All, options.json);
+            return report_cells(options, &pool.install(each)?);
+        }
     }
     let asked = std::mem::replace(&mut source.policies, vec![&central::KIND]);
     let mut experiment = source.read()?;
@@ -62,10 +69,22 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         let beside = |kind: &&_| asked.contains(kind) && **kind != actor::KIND;
         experiment.policies = KINDS.iter().copied().filter(beside).collect();
     }
-    let (mut results, agreement) = pool.install(|| trained_results(&experiment, &trained, options.json))?;
+    let own = || trained_results(&experiment, &trained, Forms::All, options.json);
+    let (mut results, agreement) = pool.install(own)?;
     results.extend(pool.install(|| results_with_progress(&experiment, options.json))?);
     let obstacle = trained.obstacle.as_ref();
     report(options, &experiment, &results, agreement, obstacle)
+}
+
+fn report_cells(options: &RunOptions, cells: &[InCell]) -> Result<()> {
+    if !options.json {
+        say!("{}", cells::table(cells)?);
+        return Ok(());
+    }
+    let each = cells.iter().map(|cell| cell.to_json(true, options.timing));
+    let each: Vec<Value> = each.collect::<Result<_>>()?;
+    say!("{}", json!({ "cells": each }));
+    Ok(())
 }
 
 /// Puts the run's scenario below the user's settings.
@@ -89,7 +108,7 @@ fn take_scenario_of(
 
 /// The joiner levels are relative to the required SINR: actors live in scenarios of the one that they were made for, and of as many
 /// sub-channels as they know.
-fn check_radio(experiment: &Experiment, form: ActorForm, known: Setting) -> Result<()> {
+pub(super) fn check_radio(experiment: &Experiment, form: ActorForm, known: Setting) -> Result<()> {
     let radio = &experiment.scenario.radio;
     let asked = Setting::of_scenario(&experiment.scenario);
     check_sub_channels(
@@ -112,10 +131,20 @@ fn check_radio(experiment: &Experiment, form: ActorForm, known: Setting) -> Resu
     Ok(())
 }
 
-/// All forms of the actors, and how far the int8 form decides like the float form.
-fn trained_results(
+/// Which forms of a run's actors are evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Forms {
+    /// Int8, float and exploring.
+    All,
+    /// Int8 alone; float where no table holds the actors.
+    Deployed,
+}
+
+/// Forms of the actors, the deployed one first, and how far the int8 form decides like the float form.
+pub(super) fn trained_results(
     experiment: &Experiment,
     trained: &TrainedActors,
+    forms: Forms,
     hide_progress: bool,
 ) -> Result<(Vec<PolicyResult>, Option<f64>)> {
     let simulation = experiment.simulation();
@@ -129,9 +158,14 @@ fn trained_results(
         traffic: None,
         slots_per_second: slots / start.elapsed().as_secs_f64(),
     };
-    let forms = 2 + u64::from(!tables.is_empty());
+    let deployed = forms == Forms::Deployed;
+    let count = if deployed {
+        1
+    } else {
+        2 + u64::from(!tables.is_empty())
+    };
     let template = "{msg:14} {bar:40} {pos}/{len} worlds, {elapsed}, {eta} left";
-    let progress = progress_bar(forms * u64::from(extent.worlds), template, hide_progress);
+    let progress = progress_bar(count * u64::from(extent.worlds), template, hide_progress);
     progress.enable_steady_tick(Duration::from_secs(1));
     let ended = || progress.inc(1);
     let mut results = Vec::new();
@@ -140,10 +174,18 @@ fn trained_results(
         let start = Instant::now();
         results.push(result("actor", quantised(&simulation, &tables, ended)?, start));
     }
+    if deployed && !results.is_empty() {
+        progress.finish_and_clear();
+        return Ok((results, None));
+    }
     progress.set_message("float");
     let start = Instant::now();
     let (ages, agreement) = float(&simulation, actors, setting, &tables, ended)?;
     results.push(result("float", ages, start));
+    if deployed {
+        progress.finish_and_clear();
+        return Ok((results, agreement));
+    }
     progress.set_message("exploring");
     let start = Instant::now();
     let ages = exploring(&simulation, actors, setting, ended)?;

@@ -1,16 +1,19 @@
 //! `trainer export`: the table into the firmware's sources and a binary file, or proof that the shipped one is what its
 //! seed gives.
 
+use crate::command::cells::{self, InCell};
 use crate::command::distil::distil_table_visibly;
+use crate::command::eval::Forms;
 use crate::distil::Recipe;
-use crate::distil::table::shipped_scenario;
+use crate::distil::table::shipped_mixture;
 use crate::export::table_source;
 use crate::onnx;
 use crate::provenance::{provenance, workspace_folder};
 use crate::run_folder::RunFolder;
-use crate::trained_actors::table_of;
+use crate::trained_actors::{TrainedActors, table_of};
 use firmware::table::Table;
 use host_sim::deadline::cycles::{SLOT_CYCLES, slot_cycles};
+use host_sim::experiment::ExperimentSource;
 use host_sim::revision::revision_text;
 use host_sim::thread_pool;
 use host_sim::weight_table::WeightTable;
@@ -19,6 +22,10 @@ use kit::files::{check_output, write_whole};
 use kit::say;
 use serde_json::json;
 use std::path::PathBuf;
+
+/// Held-out worlds of each cell of a mixture in which a run is shown, and their slots (chosen: a minute).
+const WORLDS: u32 = 64;
+const SLOTS: u32 = 1000;
 
 /// Options of `export`.
 #[derive(Clone, Debug, clap::Args)]
@@ -77,8 +84,10 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
     let mut inputs = run.iter().flat_map(RunFolder::records).collect::<Vec<_>>();
     inputs.push(source.clone());
     check_output("--out", &arguments.out, &inputs)?;
+    let mut cells = Vec::new();
     let table = match &run {
         Some(folder) => {
+            cells = pool.install(|| in_each_cell(folder, arguments.json))?;
             let actors = folder.read_actors()?;
             let vehicle = chosen(actors.networks.len(), arguments.vehicle)?;
             pool.install(|| table_of(folder, &actors, vehicle))?
@@ -90,7 +99,7 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
             };
             pool.install(|| {
                 distil_table_visibly(
-                    &shipped_scenario()?,
+                    &shipped_mixture()?,
                     &recipe,
                     provenance(recipe.seed),
                     arguments.json,
@@ -113,8 +122,30 @@ pub fn run(arguments: &ExportArguments) -> Result<()> {
             "Wrote {out}, but not the firmware's sources: it does not meet the slot. The simulator runs it (--table)."
         )
     };
-    report(arguments.json, &table, &message, fits.then_some(&source));
-    Ok(())
+    report(arguments.json, &table, &message, fits.then_some(&source), &cells)
+}
+
+/// What a run of a mixture is worth in each of its cells, before its table takes another's place.
+fn in_each_cell(folder: &RunFolder, hide_progress: bool) -> Result<Vec<InCell>> {
+    let Some(identity) = folder.read_identity()? else {
+        return Ok(Vec::new());
+    };
+    let mixture = &identity.configuration.mixture;
+    if mixture.is_empty() {
+        return Ok(Vec::new());
+    }
+    let source = ExperimentSource {
+        worlds: Some(WORLDS),
+        slots: Some(SLOTS),
+        ..ExperimentSource::default()
+    };
+    cells::in_each(
+        mixture,
+        &TrainedActors::read(folder)?,
+        &source,
+        Forms::Deployed,
+        hide_progress,
+    )
 }
 
 /// The longest slot with this table over 1 ms, modelled.
@@ -147,7 +178,7 @@ fn check(json: bool) -> Result<()> {
         seed: stated.seed,
         ..Recipe::default()
     };
-    let made = distil_table_visibly(&shipped_scenario()?, &recipe, stated, json)?;
+    let made = distil_table_visibly(&shipped_mixture()?, &recipe, stated, json)?;
     let made = made.table.bytes();
     let different = made
         .iter()
@@ -164,20 +195,21 @@ fn check(json: bool) -> Result<()> {
             format!("the {} shipped bytes", shipped.bytes().len()),
         ));
     }
-    report(
-        json,
-        &shipped,
-        "The shipped table is what its seed gives, byte for byte.",
-        None,
-    );
-    Ok(())
+    let message = "The shipped table is what its seed gives, byte for byte.";
+    report(json, &shipped, message, None, &[])
 }
 
-fn report(json: bool, table: &Table<'_>, message: &str, source: Option<&PathBuf>) {
+fn report(
+    json: bool,
+    table: &Table<'_>,
+    message: &str,
+    source: Option<&PathBuf>,
+    cells: &[InCell],
+) -> Result<()> {
     let provenance = table.provenance();
     let revision = revision_text(&provenance.revision);
     if json {
-        let object = json!({
+        let mut object = json!({
             "seed": provenance.seed,
             "source_revision": revision,
             "source_modified": provenance.modified,
@@ -186,6 +218,10 @@ fn report(json: bool, table: &Table<'_>, message: &str, source: Option<&PathBuf>
             "slot_modelled_share": slot_share(table),
             "firmware_source": source,
         });
+        if !cells.is_empty() {
+            let each = cells.iter().map(|cell| cell.to_json(false, false));
+            object["cells"] = json!(each.collect::<Result<Vec<_>>>()?);
+        }
         say!("{object}");
     } else {
         say!(
@@ -196,5 +232,9 @@ fn report(json: bool, table: &Table<'_>, message: &str, source: Option<&PathBuf>
             provenance.seed,
             100.0 * slot_share(table)
         );
+        if !cells.is_empty() {
+            say!("{}", cells::table(cells)?);
+        }
     }
+    Ok(())
 }

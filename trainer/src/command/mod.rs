@@ -1,6 +1,7 @@
 //! The command line's sub-commands.
 
 pub mod bench;
+pub mod cells;
 pub mod compare;
 pub mod distil;
 pub mod eval;

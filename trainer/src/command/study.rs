@@ -1,7 +1,7 @@
 //! `trainer study`: cases and seeds of a plan, trained, evaluated and written as one table.
 
 use crate::learning_curves::learning_curves;
-use crate::study::{Plan, StudyConduct, StudyRun};
+use crate::study::{Plan, StudyConduct, StudyRun, in_cell};
 use host_sim::Shard;
 use host_sim::report::table::{Column, Table};
 use kit::error::Result;
@@ -133,7 +133,7 @@ fn csv(plan: &Plan, runs: &[StudyRun]) -> Result<String> {
         runs.iter()
             .flat_map(|run| run.forms.iter().map(move |form| (run, form)))
     };
-    let table = Table::new(vec![
+    let mut columns = vec![
         Column::text("case", rows().map(|(run, _)| plan.case[run.case].name.clone())),
         Column::unsigned("seed", rows().map(|(run, _)| run.seed)),
         Column::text("form", rows().map(|(_, form)| form.form.clone())),
@@ -143,8 +143,12 @@ fn csv(plan: &Plan, runs: &[StudyRun]) -> Result<String> {
             "median_world_age_ms",
             rows().map(|(_, form)| form.median_world_age_ms),
         ),
-    ])?;
-    Ok(table.to_csv())
+    ];
+    if rows().any(|(_, form)| form.cell.is_some()) {
+        let cells = rows().map(|(_, form)| form.cell.clone().unwrap_or_default());
+        columns.insert(2, Column::text("cell", cells));
+    }
+    Ok(Table::new(columns)?.to_csv())
 }
 
 /// The table for people, a row for each case.
@@ -154,24 +158,26 @@ fn markdown(plan: &Plan, runs: &[StudyRun]) -> String {
         .to_owned();
     for (index, case) in plan.case.iter().enumerate() {
         let own = || runs.iter().filter(|run| run.case == index);
-        let greedy: Vec<f64> = own().filter_map(|run| Some(run.greedy()?.mean_age_ms)).collect();
-        let exploring: Vec<f64> = own()
-            .filter_map(|run| Some(run.form("exploring")?.mean_age_ms))
-            .collect();
-        let form = if own().all(|run| run.form("actor").is_some()) {
-            ""
-        } else {
-            " (float)"
-        };
-        let _infallible = writeln!(
-            text,
-            "| {}{form} | {} | {} | {} | {} |",
-            case.name.replace('|', "\\|"),
-            mean(&greedy),
-            each(&greedy),
-            mean(&exploring),
-            each(&exploring)
-        );
+        for cell in own().next().map(StudyRun::cells).unwrap_or_default() {
+            let ages =
+                |form: &dyn Fn(&StudyRun) -> Option<f64>| -> Vec<f64> { own().filter_map(form).collect() };
+            let greedy = ages(&|run| Some(run.greedy(cell)?.mean_age_ms));
+            let exploring = ages(&|run| Some(run.form(cell, "exploring")?.mean_age_ms));
+            let form = if own().all(|run| run.form(cell, "actor").is_some()) {
+                ""
+            } else {
+                " (float)"
+            };
+            let _infallible = writeln!(
+                text,
+                "| {}{form} | {} | {} | {} | {} |",
+                in_cell(&case.name, cell).replace('|', "\\|"),
+                mean(&greedy),
+                each(&greedy),
+                mean(&exploring),
+                each(&exploring)
+            );
+        }
     }
     let evaluation = plan.evaluation;
     let _infallible = writeln!(

@@ -6,6 +6,7 @@ pub mod table;
 use crate::forms::{as_float, best_action};
 use crate::game::start_ages;
 use crate::laboratory::random;
+use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::network::optimiser::{Adam, Step};
 use crate::network::perceptron::{Pass, Rows};
@@ -16,8 +17,7 @@ use firmware::observation::{INPUTS, Observation};
 use firmware::units::Level;
 use host_sim::decisions::Decisions;
 use host_sim::policy::power_plan;
-use host_sim::scenario::Scenario;
-use host_sim::stream::{Purpose, Role, Stream, WorldKey};
+use host_sim::stream::{Purpose, Role, WorldKey};
 use rayon::prelude::*;
 
 /// How to distil. The defaults made the shipped table.
@@ -43,10 +43,6 @@ pub struct Recipe {
     pub hand_over: u32,
     /// First learning rate; it falls to 0 by a half cosine.
     pub learning_rate: f32,
-    /// Fewest vehicles in a cell.
-    pub min_vehicles: u32,
-    /// Most vehicles in a cell.
-    pub max_vehicles: u32,
 }
 
 impl Default for Recipe {
@@ -62,14 +58,12 @@ impl Default for Recipe {
             kept: 10,
             hand_over: 5,
             learning_rate: 4e-3,
-            min_vehicles: 1,
-            max_vehicles: 300,
         }
     }
 }
 
-/// Most sub-channels of a cell that is watched: what the table will serve (chosen: two and a half times the paper's).
-pub const MAX_SUB_CHANNELS: u32 = 8;
+/// Fewest and most vehicles of the cells that are watched, where the mixture does not say (chosen).
+pub const VEHICLES: [u32; 2] = [1, 300];
 
 /// Most vehicles that a distilled table serves. What the network sees has no scale but the frame, so that more than it was trained with
 /// are no news to it; `tests/results.rs` tries as many.
@@ -103,9 +97,9 @@ struct Samples {
     classes: Vec<u8>,
 }
 
-/// Distils the clock of `scenario`. The same recipe and scenario give the same network to the last bit, on any machine and any
-/// number of threads.
-pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Round)) -> Distilled {
+/// Distils the clock in the cells of a mixture. The same recipe and mixture give the same network to the last bit, on any machine
+/// and any number of threads.
+pub fn distil(mixture: &Mixture, recipe: &Recipe, mut progress: impl FnMut(Round)) -> Distilled {
     let key = |world: u64| WorldKey {
         seed: recipe.seed,
         purpose: Purpose::Training,
@@ -124,7 +118,7 @@ pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Rou
             ..u64::from(iteration + 1) * u64::from(recipe.worlds);
         let collected: Vec<Samples> = worlds
             .into_par_iter()
-            .map(|world| watch(scenario, recipe, &key(world), &network, expert_share))
+            .map(|world| watch(mixture, recipe, &key(world), &network, expert_share))
             .collect();
         rounds.push(Samples {
             inputs: collected
@@ -179,42 +173,16 @@ pub fn distil(scenario: &Scenario, recipe: &Recipe, mut progress: impl FnMut(Rou
     }
 }
 
-/// Makes one cell of the mixture: any load, number of sub-channels and link budget, with and without places, and what a street brings
-/// (shares are chosen).
-fn vary(scenario: &mut Scenario, recipe: &Recipe, stream: &mut Stream) {
-    let (least, most) = (f64::from(recipe.min_vehicles), f64::from(recipe.max_vehicles));
-    // Loads whose ratios are alike are equally frequent.
-    let vehicles = least * libm::pow((most + 1.0) / least, f64::from(stream.uniform()));
-    scenario.cell.vehicles = (vehicles as u32).clamp(recipe.min_vehicles, recipe.max_vehicles);
-    let mut either = |share: f64, value: f64, other: f64| if stream.chance(share) { value } else { other };
-    let radio = &mut scenario.radio;
-    radio.max_power_dbm = either(0.5, radio.max_power_dbm, 23.0);
-    radio.carrier_ghz = either(0.5, radio.carrier_ghz, 5.9);
-    let feedback = &mut scenario.feedback;
-    let lost = either(0.5, 0.3, 1.0);
-    feedback.place_loss = either(0.4, 0.0, lost);
-    feedback.acknowledgement_delay_slots = either(0.5, 0.0, 4.0) as u32;
-    feedback.acknowledgement_loss = either(0.5, 0.0, 0.05);
-    scenario.knowledge.gain_delay_slots = either(0.5, 0.0, 4.0) as u32;
-    scenario.knowledge.gain_error_db = either(0.5, 0.0, 2.0);
-    scenario.mobility.standing_share = either(0.5, 0.0, 0.3);
-    scenario.fading.follows_speed = either(0.5, 0.0, 1.0) > 0.0;
-    if stream.chance(0.5) {
-        scenario.radio.sub_channels = 1 + stream.below(MAX_SUB_CHANNELS);
-    }
-}
-
 /// Watches one cell of the mixture from random ages. In a share of slots the clock drives, in the others the learner.
 fn watch(
-    scenario: &Scenario,
+    mixture: &Mixture,
     recipe: &Recipe,
     key: &WorldKey,
     network: &Network,
     expert_share: f64,
 ) -> Samples {
     let mut stream = key.stream(Role::Policy, 1);
-    let mut scenario = scenario.clone();
-    vary(&mut scenario, recipe, &mut stream);
+    let scenario = mixture.draw(&mut stream);
     let (required, plan): (Level, PowerPlan) = (scenario.radio.required_level(), power_plan(&scenario));
     let mut cell = random::worlds(&scenario, key.seed, key.world..key.world + 1);
     start_ages::for_every_load(&mut cell, &mut stream);
@@ -254,48 +222,39 @@ fn watch(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::distil::table::shipped_scenario;
+    use crate::distil::table::distil_table;
+    use crate::mixture::MixtureSource;
+    use firmware::table::Provenance;
 
+    /// Seconds are enough to see that the cells are watched, and that the table serves what they ask for.
     #[test]
-    fn the_mixture_holds_every_kind_of_cell() {
-        let recipe = Recipe::default();
-        let shipped = shipped_scenario().unwrap();
-        let mut stream = random::initial(1, 0);
-        let cells: Vec<Scenario> = (0..2000)
-            .map(|_| {
-                let mut cell = shipped.clone();
-                vary(&mut cell, &recipe, &mut stream);
-                cell.check().unwrap();
-                cell
-            })
-            .collect();
-        let share = |holds: &dyn Fn(&Scenario) -> bool| {
-            cells.iter().filter(|cell| holds(cell)).count() as f64 / cells.len() as f64
+    fn the_clock_is_distilled_in_the_cells_of_a_mixture() {
+        let source: MixtureSource = toml::from_str(
+            "mixture = [{ preset = 'paper', weight = 1, vehicles = [2, 9] },
+             { preset = 'edge', weight = 1, vehicles = [20, 30], set = ['radio.sub_channels=4'] }]",
+        )
+        .unwrap();
+        let mixture = Mixture::read(&source.mixture, VEHICLES, |preset| Ok(preset.values())).unwrap();
+        let recipe = Recipe {
+            iterations: 1,
+            steps: 2,
+            batch: 8,
+            worlds: 16,
+            slots: 5,
+            ..Recipe::default()
         };
-        for sub_channels in 1..=MAX_SUB_CHANNELS {
-            let expected = if sub_channels == 3 {
-                0.5 + 1.0 / 16.0
-            } else {
-                1.0 / 16.0
-            };
-            let found = share(&|cell| cell.radio.sub_channels == sub_channels);
-            assert!((found - expected).abs() < 0.04, "{sub_channels}: {found}");
-        }
-        // Half of the loads are below the square root of the largest.
-        let few = share(&|cell| cell.cell.vehicles < 17);
-        assert!((few - 0.5).abs() < 0.04, "{few}");
-        let ends = [recipe.min_vehicles, recipe.max_vehicles];
-        assert!(
-            cells
-                .iter()
-                .all(|cell| (ends[0]..=ends[1]).contains(&cell.cell.vehicles))
-        );
-        let places = [0.0, 0.3, 1.0].map(|loss| share(&|cell| cell.feedback.place_loss == loss));
-        assert!(
-            places.iter().all(|share| (share - 0.35).abs() < 0.1),
-            "{places:?}"
-        );
-        let late = share(&|cell| cell.knowledge.gain_delay_slots > 0 && cell.fading.follows_speed);
-        assert!((late - 0.25).abs() < 0.04, "{late}");
+        let distilled = distil(&mixture, &recipe, |_| ());
+        let samples = distilled.inputs.len();
+        // Not of one cell alone: at most 9 and at least 20 vehicles in five slots of sixteen worlds.
+        assert!(samples > 9 * 5 * 16 && samples < 20 * 5 * 16, "{samples}");
+        let provenance = Provenance {
+            seed: 1,
+            revision: [0; 20],
+            modified: false,
+        };
+        let made = distil_table(&mixture, &recipe, provenance, |_| ()).unwrap();
+        assert_eq!(made.actors.networks[0], distilled.network);
+        assert_eq!(made.actors.form.min_vehicles, 2);
+        assert_eq!(made.table.parse().unwrap().max_sub_channels().count(), 4);
     }
 }

@@ -1,14 +1,14 @@
 //! A distilled network as a weight table: from a seed to bytes.
 
-use super::{MAX_SUB_CHANNELS, Recipe, Round, SERVED_VEHICLES, distil};
+use super::{Recipe, Round, SERVED_VEHICLES, VEHICLES, distil};
 use crate::export::{Header, table_bytes};
 use crate::laboratory::actors::{ActorForm, Actors};
+use crate::mixture::Mixture;
 use crate::quantise::quantise;
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::table::Provenance;
 use firmware::units::SubChannels;
-use host_sim::policy::power_plan;
-use host_sim::scenario::{Scenario, ScenarioSource};
+use host_sim::scenario::ScenarioSource;
 use host_sim::weight_table::WeightTable;
 use kit::error::Result;
 
@@ -22,12 +22,12 @@ pub struct DistilledTable {
     pub table: WeightTable,
 }
 
-/// The scenario that the shipped table is distilled in: the paper's.
+/// The mixture that the shipped table is distilled in: the paper's scenario, varied.
 ///
 /// # Errors
 /// Never for the built-in preset.
-pub fn shipped_scenario() -> Result<Scenario> {
-    ScenarioSource::default().read()
+pub fn shipped_mixture() -> Result<Mixture> {
+    Ok(Mixture::varied(&ScenarioSource::default().read()?, VEHICLES))
 }
 
 /// Distils and quantises.
@@ -35,26 +35,27 @@ pub fn shipped_scenario() -> Result<Scenario> {
 /// # Errors
 /// If the network cannot be quantised.
 pub fn distil_table(
-    scenario: &Scenario,
+    mixture: &Mixture,
     recipe: &Recipe,
     provenance: Provenance,
     progress: impl FnMut(Round),
 ) -> Result<DistilledTable> {
-    let distilled = distil(scenario, recipe, progress);
+    let distilled = distil(mixture, recipe, progress);
     let form = ActorForm {
         observation: ObservationForm::Ring,
         output: OutputForm::Actions,
         noise: 0.0,
-        min_vehicles: recipe.min_vehicles,
+        min_vehicles: mixture.vehicles()[0],
         max_vehicles: SERVED_VEHICLES,
     };
+    let (setting, sub_channels) = (mixture.setting(), mixture.sub_channels() as usize);
     let header = Header {
         observation_form: form.observation,
         output_form: form.output,
         max_vehicles: SERVED_VEHICLES as u16,
-        max_sub_channels: SubChannels::new(MAX_SUB_CHANNELS as usize).unwrap_or(SubChannels::ONE),
-        required_sinr: scenario.radio.required_level(),
-        power_plan: power_plan(scenario),
+        max_sub_channels: SubChannels::new(sub_channels).unwrap_or(SubChannels::ONE),
+        required_sinr: setting.required_sinr,
+        power_plan: setting.power_plan,
         provenance,
     };
     let bytes = quantise(&distilled.network, distilled.inputs.as_flattened(), None)

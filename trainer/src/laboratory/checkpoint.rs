@@ -150,6 +150,16 @@ fn little_endian(values: &Values) -> Vec<u8> {
 
 /// The first key, in dotted form, whose values differ, and both values.
 pub fn first_difference(found: &Value, expected: &Value) -> Option<(String, String, String)> {
+    if let (Value::Array(one), Value::Array(other)) = (found, expected)
+        && one.len() == other.len()
+        && one.iter().chain(other).all(Value::is_object)
+    {
+        let mut entries = one.iter().zip(other).enumerate();
+        return entries.find_map(|(index, (one, other))| {
+            let (key, found, expected) = first_difference(one, other)?;
+            Some((format!("[{index}].{key}"), found, expected))
+        });
+    }
     let (Value::Object(one), Value::Object(other)) = (found, expected) else {
         return (found != expected).then(|| (String::new(), found.to_string(), expected.to_string()));
     };
@@ -170,7 +180,11 @@ pub fn first_difference(found: &Value, expected: &Value) -> Option<(String, Stri
             }
         };
         if let Some((rest, found, expected)) = difference {
-            let dot = if rest.is_empty() { "" } else { "." };
+            let dot = if rest.is_empty() || rest.starts_with('[') {
+                ""
+            } else {
+                "."
+            };
             return Some((format!("{key}{dot}{rest}"), found, expected));
         }
     }
@@ -218,6 +232,12 @@ mod tests {
         assert_eq!(
             message(&bytes, &other),
             "file: key algorithm.ppo.hidden: found [64,64], expected [64,32]"
+        );
+        let cells = |weight| json!({ "mixture": [{ "name": "a" }, { "name": "b", "weight": weight }] });
+        let found = first_difference(&cells(1), &cells(2)).unwrap();
+        assert_eq!(
+            found,
+            ("mixture[1].weight".to_owned(), "1".to_owned(), "2".to_owned())
         );
     }
 }

@@ -3,6 +3,7 @@
 use super::actors::Actors;
 use super::state::State;
 use kit::error::Result;
+use std::borrow::Cow;
 
 /// A learning algorithm at work.
 ///
@@ -47,23 +48,28 @@ pub mod name {
     pub const SLOTS: &str = "slots";
     /// Optimiser steps so far.
     pub const UPDATES: &str = "updates";
+
+    /// A metric of one cell of a mixture: TensorBoard shows names up to the slash together.
+    pub fn of_cell(metric: &str, cell: &str) -> String {
+        format!("{metric}/{cell}")
+    }
 }
 
 /// Named numbers of one episode.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Metrics(Vec<(&'static str, f64)>);
+pub struct Metrics(Vec<(Cow<'static, str>, f64)>);
 
 impl Metrics {
     /// Appends a number. NaN says that the episode has none, such as the loss of a network that is not yet trained.
     #[must_use]
-    pub fn with(mut self, name: &'static str, value: f64) -> Self {
-        self.0.push((name, value));
+    pub fn with(mut self, name: impl Into<Cow<'static, str>>, value: f64) -> Self {
+        self.0.push((name.into(), value));
         self
     }
 
     /// Names and numbers in their order.
-    pub fn iter(&self) -> impl Iterator<Item = (&'static str, f64)> {
-        self.0.iter().copied()
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.0.iter().map(|(name, value)| (name.as_ref(), *value))
     }
 
     /// The number of this name, if the episode has one.

@@ -1,17 +1,17 @@
 //! The learner between two episodes, and what an episode does.
 
 use super::Recipe;
-use super::central::CELL_COUNTS;
 use super::rollout::{Experience, play};
-use super::rules::Costs;
+use super::rules::{CellPlace, Costs};
 use super::update::{ActorCritic, Losses, Part};
 use crate::actor_file;
-use crate::game::cell::Cell;
+use crate::game::cell::{Cell, Rules as _};
 use crate::game::{Tally, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::learner::{Learner, Metrics};
+use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
+use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::network::optimiser::Powers;
 use firmware::decision::{ACTIONS, Action};
@@ -40,11 +40,31 @@ const OUTPUT: OutputForm = OutputForm::Actions;
 
 /// Proximal policy optimisation at work in the cell.
 pub struct PpoLearner {
-    scenario: Scenario,
+    mixture: Mixture,
     recipe: Recipe,
     seed: u64,
     counters: Counters,
     networks: ActorCritic,
+}
+
+/// Worlds that are played together.
+struct Batch {
+    /// Index of their cell.
+    cell: usize,
+    /// Index of the first.
+    first: u64,
+    scenario: Scenario,
+    /// Draws the scenario, start ages and actions.
+    stream: Stream,
+    tally: Tally,
+}
+
+/// A cell of the mixture, as the critic sees it.
+fn place(mixture: &Mixture, index: usize) -> CellPlace {
+    match mixture.cells().len() {
+        1 => CellPlace::default(),
+        cells => CellPlace { index, cells },
+    }
 }
 
 /// What besides the networks must be saved.
@@ -61,19 +81,20 @@ impl PpoLearner {
     ///
     /// # Errors
     /// The first actor's file, and what is wrong with it.
-    pub fn new(scenario: Scenario, recipe: Recipe, seed: u64) -> Result<Self> {
+    pub fn new(mixture: Mixture, recipe: Recipe, seed: u64) -> Result<Self> {
         let actor = if recipe.first_actor.as_os_str().is_empty() {
             prior(&recipe, &mut random::initial(seed, Use::FirstActor as u32))
         } else {
             first_actor(&recipe)?
         };
-        let critic_widths = [&[INPUTS + CELL_COUNTS], &recipe.critic_hidden[..], &[1]].concat();
+        let known = INPUTS + recipe.costs(place(&mixture, 0)).extra();
+        let critic_widths = [&[known], &recipe.critic_hidden[..], &[1]].concat();
         let critic = Network::random(
             &critic_widths,
             &mut random::initial(seed, Use::FirstCritic as u32),
         );
         Ok(Self {
-            scenario,
+            mixture,
             recipe,
             seed,
             counters: Counters::default(),
@@ -84,32 +105,53 @@ impl PpoLearner {
         })
     }
 
-    /// Each batch of an episode: its first world, its scenario, and the stream that plays it.
-    fn batches(&self) -> Vec<(u64, Scenario, Stream)> {
+    /// The batches of an episode, those of each cell of the mixture one after the other.
+    fn batches(&self) -> Vec<Batch> {
         let recipe = &self.recipe;
         let worlds = u64::from(recipe.worlds);
-        (0..u64::from(recipe.batches))
-            .map(|batch| {
+        let cells = self.mixture.split(recipe.batches as usize);
+        (0..)
+            .zip(cells)
+            .map(|(batch, cell)| {
                 let first = random::world(self.seed, self.counters.done, self.worlds(), batch * worlds);
                 let mut stream = first.stream(Role::Policy, PLAY);
-                let mut scenario = self.scenario.clone();
-                let sizes = recipe.max_vehicles - recipe.min_vehicles + 1;
-                scenario.cell.vehicles = recipe.min_vehicles + stream.below(sizes);
-                (first.world, scenario, stream)
+                Batch {
+                    cell,
+                    first: first.world,
+                    scenario: self.mixture.cells()[cell].draw(&mut stream),
+                    stream,
+                    tally: Tally::default(),
+                }
             })
             .collect()
     }
 
-    /// The game of a batch, with random start ages, and the stream that goes on with it.
-    fn game<'b>(
-        &self,
-        (first, scenario, stream): &'b mut (u64, Scenario, Stream),
-    ) -> (Cell<'b, Costs>, &'b mut Stream) {
-        let worlds = *first..*first + u64::from(self.recipe.worlds);
-        let mut environment = random::worlds(scenario, self.seed, worlds);
-        start_ages::for_every_load(&mut environment, stream);
-        let cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, self.recipe.costs());
-        (cell, stream)
+    /// The game of a batch, with random start ages, and what goes on beside it.
+    fn game<'b>(&self, batch: &'b mut Batch) -> (Cell<'b, Costs>, &'b mut Stream, &'b mut Tally) {
+        let worlds = batch.first..batch.first + u64::from(self.recipe.worlds);
+        let mut environment = random::worlds(&batch.scenario, self.seed, worlds);
+        start_ages::for_every_load(&mut environment, &mut batch.stream);
+        let rules = self.recipe.costs(place(&self.mixture, batch.cell));
+        let cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, rules);
+        (cell, &mut batch.stream, &mut batch.tally)
+    }
+
+    /// Metrics with those of each cell.
+    fn with_cells(&self, mut metrics: Metrics, batches: &[Batch]) -> Metrics {
+        for (index, cell) in self.mixture.cells().iter().enumerate() {
+            let mut tally = Tally::default();
+            let own = batches.iter().filter(|batch| batch.cell == index);
+            own.for_each(|batch| tally.merge(&batch.tally));
+            for (name, value) in [
+                (name::REWARD, tally.reward / tally.agent_slots),
+                (name::AGE, tally.age / tally.agent_slots),
+                (name::SUCCESSES, tally.received / tally.world_slots),
+                (name::POWER, tally.power_mw / tally.agent_slots),
+            ] {
+                metrics = metrics.with(name::of_cell(name, &cell.name), value);
+            }
+        }
+        metrics
     }
 
     /// Worlds of an episode.
@@ -129,8 +171,8 @@ impl Learner for PpoLearner {
 
     fn advance(&mut self) -> Metrics {
         let mut batches = self.batches();
-        let games: Vec<_> = batches.iter_mut().map(|batch| self.game(batch)).collect();
-        let mut games: Vec<_> = games.into_iter().map(|game| (game, Tally::default())).collect();
+        let cells: Vec<usize> = batches.iter().map(|batch| batch.cell).collect();
+        let mut games: Vec<_> = batches.iter_mut().map(|batch| self.game(batch)).collect();
         let recipe = &self.recipe;
         let mut order = random::episode(self.seed, self.counters.done, Use::Order as u32);
         let mut losses = Losses::default();
@@ -140,23 +182,29 @@ impl Learner for PpoLearner {
             let (actor, critic) = (&self.networks.actor.network, &self.networks.critic.network);
             let played: Vec<Experience> = games
                 .par_iter_mut()
-                .map(|((game, stream), tally)| play(game, actor, critic, recipe, stream, tally))
+                .map(|(game, stream, tally)| play(game, actor, critic, recipe, stream, tally))
                 .collect();
-            let experience = Experience::join(played);
+            let experience = Experience::join(cells.iter().copied().zip(played));
             losses.add(&self.networks.update(&experience, recipe, rates, &mut order));
         }
+        drop(games);
         let mut tally = Tally::default();
-        games.iter().for_each(|(_, played)| tally.merge(played));
+        batches.iter().for_each(|batch| tally.merge(&batch.tally));
         self.counters.done += 1;
         self.counters.world_slots += tally.world_slots as u64;
         self.counters.steps += losses.steps as u64;
         let reward = tally.reward / tally.agent_slots;
-        tally
+        let metrics = tally
             .metrics(reward, self.counters.world_slots as f64, self.counters.steps)
             .with("actor_loss", losses.actor / losses.steps)
             .with("critic_loss", losses.critic / losses.steps)
             .with("entropy", losses.entropy / losses.steps)
-            .with("clipped", losses.clipped / losses.steps)
+            .with("clipped", losses.clipped / losses.steps);
+        if self.mixture.is_mixed() {
+            self.with_cells(metrics, &batches)
+        } else {
+            metrics
+        }
     }
 
     fn state(&self) -> State {
@@ -187,13 +235,14 @@ impl Learner for PpoLearner {
     }
 
     fn actors(&self) -> Actors {
+        let [least, most] = self.mixture.vehicles();
         Actors {
             form: ActorForm {
                 observation: OBSERVATION,
                 output: OUTPUT,
                 noise: 0.0,
-                min_vehicles: self.recipe.min_vehicles,
-                max_vehicles: self.recipe.max_vehicles,
+                min_vehicles: least,
+                max_vehicles: most,
             },
             networks: vec![self.networks.actor.network.clone()],
         }
@@ -254,6 +303,16 @@ fn first_actor(recipe: &Recipe) -> Result<Network> {
         return Err(Error::input("ppo.first_actor", found, expected));
     }
     let actors = actor_file::read(&path)?;
+    let form = (actors.form.observation, actors.form.output);
+    if form != (OBSERVATION, OUTPUT) {
+        let found = format!("an actor of observation {:?} and action {:?}", form.0, form.1);
+        let expected = "one of the firmware's, which serves any number of sub-channels";
+        return Err(Error::input(
+            format!("ppo.first_actor: {}", path.display()),
+            found,
+            expected,
+        ));
+    }
     let mut actor = actors.network(0).clone();
     let (found, expected) = (actor.widths(), actor_widths(recipe));
     if !actors.shared() || found != expected {

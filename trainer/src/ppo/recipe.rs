@@ -1,7 +1,8 @@
 //! How to learn.
 
-use super::rules::Costs;
+use super::rules::{CellPlace, Costs};
 use super::update::Rates;
+use crate::mixture::{self, Mixture};
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
 use kit::error::{Error, Result};
 use kit::keys;
@@ -29,7 +30,8 @@ keys! {
         /// Episodes of the run; each begins with fresh worlds.
         #[key(range = 1.0..=1e6, unit = "episodes", source = "chosen")]
         pub episodes: u64,
-        /// Batches of worlds in an episode. The worlds of one batch have the same number of vehicles.
+        /// Batches of worlds in an episode. The worlds of one batch have the same number of vehicles; in a mixture each batch
+        /// is of one cell, as many as its weight says.
         #[key(range = 1.0..=10_000.0, unit = "batches", source = "chosen")]
         pub batches: u32,
         /// Worlds in a batch.
@@ -47,10 +49,10 @@ keys! {
         /// Samples in a step of the optimiser.
         #[key(range = 1.0..=16_777_216.0, unit = "samples", source = "chosen")]
         pub minibatch: usize,
-        /// Fewest vehicles of a batch, whose number is drawn; it replaces the scenario's.
+        /// Fewest vehicles of a batch, whose number is drawn; it replaces the scenario's. A cell of a mixture may have its own.
         #[key(range = 1.0..=300.0, unit = "vehicles", source = "chosen")]
         pub min_vehicles: u32,
-        /// Most vehicles of a batch. A table serves at most so many.
+        /// Most vehicles of a batch. A table serves at most so many, or as many as a cell of the mixture has.
         #[key(range = 1.0..=300.0, unit = "vehicles", source = "chosen")]
         pub max_vehicles: u32,
         /// Weight of the next slot's value.
@@ -112,6 +114,30 @@ impl Recipe {
         self.check_first_actor()
     }
 
+    /// Checks that every cell gets its part of an episode.
+    ///
+    /// # Errors
+    /// The first that gets none.
+    pub fn check_cells(&self, mixture: &Mixture) -> Result<()> {
+        let split = mixture.split(self.batches as usize);
+        let mut cells = mixture.cells().iter().enumerate();
+        let Some((index, cell)) = cells.find(|(index, _)| !split.contains(index)) else {
+            return Ok(());
+        };
+        let found = format!("{}, none for \"{}\"", cell.weight, cell.name);
+        let expected = format!("enough for one of the {} ppo.batches", self.batches);
+        Err(Error::input(
+            format!("{}.weight", mixture::place(index)),
+            found,
+            expected,
+        ))
+    }
+
+    /// Fewest and most vehicles where a cell does not say.
+    pub const fn vehicles(&self) -> [u32; 2] {
+        [self.min_vehicles, self.max_vehicles]
+    }
+
     /// Checks that what belongs to a first actor comes with one.
     fn check_first_actor(&self) -> Result<()> {
         let needs = if self.first_actor_sharpness != 1.0 {
@@ -146,12 +172,13 @@ impl Recipe {
         }
     }
 
-    pub(super) const fn costs(&self) -> Costs {
+    pub(super) const fn costs(&self, place: CellPlace) -> Costs {
         Costs {
             team: self.team,
             most_frames: self.most_frames,
             transmission: self.transmission,
             scale: 1.0 - self.discount,
+            place,
         }
     }
 }

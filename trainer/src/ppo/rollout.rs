@@ -21,13 +21,21 @@ pub struct Experience {
     pub advantages: Vec<f32>,
     /// What the critic should have expected.
     pub targets: Vec<f32>,
+    /// How many decisions are of each cell of a mixture, one after the other. Advantages are compared within a cell.
+    pub cells: Vec<usize>,
 }
 
 impl Experience {
-    /// Joins batches in their order.
-    pub fn join(batches: Vec<Self>) -> Self {
+    /// Joins batches in their order; those of one cell, whose index comes with each, are neighbours.
+    pub fn join(batches: impl IntoIterator<Item = (usize, Self)>) -> Self {
         let mut all = Self::default();
-        for batch in batches {
+        let mut last = None;
+        for (cell, batch) in batches {
+            match all.cells.last_mut() {
+                Some(decisions) if last == Some(cell) => *decisions += batch.actions.len(),
+                _ => all.cells.push(batch.actions.len()),
+            }
+            last = Some(cell);
             all.known.extend(batch.known);
             all.actions.extend(batch.actions);
             all.log_probabilities.extend(batch.log_probabilities);
@@ -91,6 +99,7 @@ pub fn play(
         .zip(&advantages)
         .map(|(value, advantage)| value + advantage)
         .collect();
+    experience.cells = vec![decided];
     experience.advantages = advantages
         .iter()
         .zip(&parts)

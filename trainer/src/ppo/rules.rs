@@ -14,6 +14,17 @@ pub struct Costs {
     pub transmission: f32,
     /// Rewards are multiplied by this; 1 less the discount makes a value a mean cost.
     pub scale: f32,
+    /// Where it is played.
+    pub place: CellPlace,
+}
+
+/// Which cell of a mixture is played. The critic is told: the same ages in frames last longer where links are weak.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CellPlace {
+    /// Its index.
+    pub index: usize,
+    /// Cells that the critic tells apart; 0 where there is one alone.
+    pub cells: usize,
 }
 
 impl Costs {
@@ -25,7 +36,7 @@ impl Costs {
 
 impl Rules for Costs {
     fn extra(&self) -> usize {
-        CELL_COUNTS
+        CELL_COUNTS + self.place.cells
     }
 
     fn know<'r>(&self, world: &[Option<Sensed>], extras: impl Iterator<Item = &'r mut [f32]>) {
@@ -37,7 +48,11 @@ impl Rules for Costs {
         let counts = CellCounts::new(observations().flatten());
         for (observation, extra) in observations().zip(extras) {
             if let Some(observation) = observation {
-                counts.write(observation, extra);
+                let (counted, cell) = extra.split_at_mut(CELL_COUNTS);
+                counts.write(observation, counted);
+                if let Some(here) = cell.get_mut(self.place.index) {
+                    *here = 1.0;
+                }
             }
         }
     }

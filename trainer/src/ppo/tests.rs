@@ -1,16 +1,19 @@
 //! The learner as a whole, on a toy and in the cell; its gradients against finite differences.
 
 use super::loss::{Taken, clipped_surrogate, huber};
-use super::rollout::play;
-use super::update::{ActorCritic, Part, Rates};
+use super::rollout::{Experience, play};
+use super::rules::CellPlace;
+use super::update::{ActorCritic, Part, Rates, normalised_by_cell};
 use super::{PpoLearner, Recipe};
 use crate::configuration::{Algorithm, Configuration, Preset};
-use crate::game::Tally;
+use crate::game::cell::Cell;
 use crate::game::toy::Turns;
-use crate::laboratory::learner::{Learner, Metrics};
+use crate::game::{Game as _, Tally};
+use crate::laboratory::learner::{Learner, Metrics, name};
 use crate::laboratory::random;
 use crate::network::Network;
 
+use firmware::form::{ObservationForm, OutputForm};
 use host_sim::stream::Stream;
 use kit::error::Result;
 
@@ -179,23 +182,28 @@ fn the_best_play_of_the_toy_is_found() {
     }
 }
 
-/// A run of seconds in the cell.
-fn small() -> Configuration {
+/// Three cells of different loads, links and numbers of sub-channels, one of them varied.
+const MIXTURE: &str = "mixture=[{ preset = 'paper', weight = 1, vehicles = [2, 9] }, { preset = 'edge', weight = 1, \
+                       set = ['radio.sub_channels=2'] }, { preset = 'street', weight = 2, varied = true }]";
+
+/// A run of seconds in these cells.
+fn small(mixture: &str) -> Configuration {
     read(&[
         "ppo.episodes=4",
-        "ppo.batches=3",
+        "ppo.batches=4",
         "ppo.updates=2",
         "ppo.slots=8",
         "ppo.minibatch=500",
         "ppo.max_vehicles=20",
+        mixture,
     ])
     .unwrap()
 }
 
-fn learner() -> PpoLearner {
-    let configuration = small();
+fn learner(mixture: &str) -> PpoLearner {
+    let configuration = small(mixture);
     match configuration.algorithm {
-        Algorithm::Ppo(recipe) => PpoLearner::new(configuration.scenario, recipe, 7).unwrap(),
+        Algorithm::Ppo(ref recipe) => PpoLearner::new(configuration.cells(), recipe.clone(), 7).unwrap(),
         other => panic!("{}", other.name()),
     }
 }
@@ -208,27 +216,106 @@ fn a_resumed_run_and_any_number_of_threads_give_the_same_bits() {
             .build()
             .unwrap()
     };
-    let mut whole = learner();
-    let metrics: Vec<Metrics> = pool(1).install(|| (0..4).map(|_| whole.advance()).collect());
-    assert_eq!((whole.done(), whole.length()), (4, 4));
-    let mut first = learner();
-    pool(3).install(|| (0..2).for_each(|_| drop(first.advance())));
-    assert_ne!(first.actors(), whole.actors());
-    let mut second = learner();
-    second.restore(first.state()).unwrap();
-    pool(2).install(|| assert_eq!([second.advance(), second.advance()], metrics[2..]));
-    assert_eq!(second.state(), whole.state());
-    assert_eq!(second.actors(), whole.actors());
-    whole.actors().check().unwrap();
+    for mixture in ["mixture=[]", MIXTURE] {
+        let mut whole = learner(mixture);
+        let metrics: Vec<Metrics> = pool(1).install(|| (0..4).map(|_| whole.advance()).collect());
+        assert_eq!((whole.done(), whole.length()), (4, 4));
+        let mut first = learner(mixture);
+        pool(3).install(|| (0..2).for_each(|_| drop(first.advance())));
+        assert_ne!(first.actors(), whole.actors());
+        let mut second = learner(mixture);
+        second.restore(first.state()).unwrap();
+        pool(2).install(|| assert_eq!([second.advance(), second.advance()], metrics[2..]));
+        assert_eq!(second.state(), whole.state());
+        assert_eq!(second.actors(), whole.actors());
+        whole.actors().check().unwrap();
+    }
+}
+
+/// Every cell has its own metrics, which together make those of the episode.
+#[test]
+fn metrics_of_the_cells_are_parts_of_the_episodes() {
+    let mut mixed = learner(MIXTURE);
+    let metrics = mixed.advance();
+    let of = |name: &str, cell: &str| metrics.get(&name::of_cell(name, cell)).unwrap();
+    // Two batches of the street, one of each other; all of as many slots.
+    let successes =
+        of(name::SUCCESSES, "paper") + of(name::SUCCESSES, "edge") + 2.0 * of(name::SUCCESSES, "street");
+    assert!((metrics.get(name::SUCCESSES).unwrap() - successes / 4.0).abs() < 1e-12);
+    assert!(of(name::SUCCESSES, "edge") <= 2.0);
+    let ages = ["paper", "edge", "street"].map(|cell| of(name::AGE, cell));
+    let age = metrics.get(name::AGE).unwrap();
+    assert!(
+        ages.iter().any(|&own| own < age) && ages.iter().any(|&own| own > age),
+        "{age}: {ages:?}"
+    );
+    let form = mixed.actors().form;
+    assert_eq!((form.min_vehicles, form.max_vehicles), (2, 20));
+    assert_eq!(learner("mixture=[]").advance().get("mean_age_ms/paper"), None);
+}
+
+/// The critic is told the cell, the actor, which has no such input on the road, is not.
+#[test]
+fn the_critic_alone_tells_cells_apart() {
+    let known = |index, cells| {
+        let scenario = small("mixture=[]").scenario;
+        let rules = recipe(&[]).costs(CellPlace { index, cells });
+        let cell = Cell::new(
+            random::worlds(&scenario, 1, 0..1),
+            0,
+            ObservationForm::Ring,
+            OutputForm::Actions,
+            rules,
+        );
+        let shape = cell.shape();
+        let mut known = vec![0.0; shape.rows() * shape.known];
+        cell.know(&mut known);
+        known[..shape.known].to_vec()
+    };
+    let (alone, first, last) = (known(0, 0), known(0, 3), known(2, 3));
+    assert_eq!(first[..alone.len()], alone);
+    assert_eq!(last[..alone.len()], alone);
+    assert_eq!(first[alone.len()..], [1.0, 0.0, 0.0]);
+    assert_eq!(last[alone.len()..], [0.0, 0.0, 1.0]);
+}
+
+/// A cell whose ages are a hundred times as large learns and is learned from as much as the others.
+#[test]
+fn advantages_are_compared_within_a_cell() {
+    let part = |advantages: &[f32]| Experience {
+        actions: vec![0.0; advantages.len()],
+        advantages: advantages.to_vec(),
+        cells: vec![advantages.len()],
+        ..Experience::default()
+    };
+    let joined = Experience::join([
+        (0, part(&[1.0])),
+        (0, part(&[3.0, 2.0])),
+        (2, part(&[700.0, 500.0])),
+    ]);
+    assert_eq!(joined.cells, [3, 2]);
+    let normalised = normalised_by_cell(&joined);
+    let expected = [-1.224_744_9, 1.224_744_9, 0.0, 1.0, -1.0];
+    for (found, expected) in normalised.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-6, "{normalised:?}");
+    }
 }
 
 #[test]
 fn states_of_another_geometry_are_refused() {
-    let mut state = learner().state();
+    let mut state = learner("mixture=[]").state();
     let _ = state.take_f32("critic.0.biases", &[64]).unwrap();
     assert_eq!(
-        learner().restore(state).unwrap_err().to_string(),
+        learner("mixture=[]").restore(state).unwrap_err().to_string(),
         "critic.0.biases: found no such tensor, expected f32 of shape [64]"
+    );
+    // The critic of a mixture has an input for each of its cells.
+    let error = learner(MIXTURE)
+        .restore(learner("mixture=[]").state())
+        .unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "critic.0.weights: found f32 of shape [52, 64], expected f32 of shape [55, 64]"
     );
 }
 

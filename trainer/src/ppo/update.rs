@@ -77,7 +77,7 @@ impl ActorCritic {
         rates: Rates,
         stream: &mut Stream,
     ) -> Losses {
-        let advantages = normalised(&experience.advantages);
+        let advantages = normalised_by_cell(experience);
         let (observed, width) = (self.actor.network.widths()[0], self.critic.network.widths()[0]);
         let mut order: Vec<usize> = (0..experience.actions.len()).collect();
         let mut losses = Losses::default();
@@ -135,6 +135,19 @@ impl Losses {
         self.clipped += other.clipped;
         self.steps += other.steps;
     }
+}
+
+/// Advantages with mean 0 and deviation 1 in each cell: where links are weak ages are larger and vary more, and that cell alone
+/// would be heard.
+pub(super) fn normalised_by_cell(experience: &Experience) -> Vec<f32> {
+    let mut rest = experience.advantages.as_slice();
+    let mut all = Vec::with_capacity(rest.len());
+    for &decisions in &experience.cells {
+        let (cell, others) = rest.split_at(decisions);
+        all.extend(normalised(cell));
+        rest = others;
+    }
+    all
 }
 
 /// Advantages with mean 0 and deviation 1.
