@@ -1,4 +1,5 @@
-//! Hands the linker the memory map and its scripts, for the target alone, and the image the key that signs its tables.
+//! Tells the library what its processor can do and which key signs its tables, and the image's linker its memory map. A program that
+//! uses the library alone gets no link argument, no search path and no memory map.
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -13,14 +14,64 @@ const TABLE_KEY: &str = "FRESHLANE_TABLE_KEY";
 /// The test key: its secret half is 32 bytes of 0x42, and in the repository's tests.
 const TEST_KEY: &str = "2152f8d19b791d24453242e15f2eab6cb7cffa7b6a5ed30097960e069881db12";
 
+/// What the image is built for.
+const IMAGE_TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Processors of ARMv8-M with the DSP extension, by their names in `-C target-cpu`. On a Cortex-M33 or M35P the extension is the
+/// chip maker's choice; the compiler, too, takes it as there.
+const ARMV8M_WITH_DSP: [&str; 7] = [
+    "cortex-m33",
+    "cortex-m35p",
+    "cortex-m52",
+    "cortex-m55",
+    "cortex-m85",
+    "star-mc1",
+    "star-mc3",
+];
+
 fn main() -> Result<(), Box<dyn Error>> {
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rustc-check-cfg=cfg(dsp_extension)");
+    if has_dsp_extension()? {
+        println!("cargo::rustc-cfg=dsp_extension");
+    }
     write_table_key()?;
+    if env::var_os("CARGO_FEATURE_STM32F405").is_some() && env::var("CARGO_CFG_TARGET_OS")? == "none" {
+        link_image()?;
+    }
+    Ok(())
+}
+
+/// Whether the processor has the DSP extension of ARMv7-M or ARMv8-M. The compiler knows, but tells `cfg(target_feature)` only from nightly
+/// on: ARMv7E-M is by definition ARMv7-M with it, and on ARMv8-M it is what the build's flags say.
+fn has_dsp_extension() -> Result<bool, env::VarError> {
+    let target = env::var("TARGET")?;
+    let flags = env::var("CARGO_ENCODED_RUSTFLAGS").unwrap_or_default();
+    // `-C name=value` comes as one flag or as two.
+    let value = |name: &str| {
+        let mut values = flags.split('\x1f').filter_map(|flag| {
+            let flag = flag.strip_prefix("-C").unwrap_or(flag).trim_start();
+            flag.strip_prefix(name)?.strip_prefix('=')
+        });
+        values.next_back().unwrap_or_default()
+    };
+    let mut features = value("target-feature").split(',');
+    Ok(target.starts_with("thumbv7em")
+        || target.starts_with("thumbv8m.main")
+            && (ARMV8M_WITH_DSP.contains(&value("target-cpu")) || features.any(|feature| feature == "+dsp")))
+}
+
+/// The memory map and the linker's scripts, for the image.
+fn link_image() -> Result<(), Box<dyn Error>> {
+    let target = env::var("TARGET")?;
+    if target != IMAGE_TARGET {
+        return Err(format!(
+            "feature stm32f405: found target {target}, expected {IMAGE_TARGET}, or `default-features = false` for a library"
+        )
+        .into());
+    }
     // Cargo does not know that a linker reads this file; without the line an edit would not relink.
     println!("cargo::rerun-if-changed={MEMORY_MAP}");
-    println!("cargo::rerun-if-changed=build.rs");
-    if env::var("CARGO_CFG_TARGET_OS")? != "none" {
-        return Ok(());
-    }
     let out = PathBuf::from(env::var("OUT_DIR")?);
     fs::copy(MEMORY_MAP, out.join("memory.x")).map_err(|error| format!("{MEMORY_MAP}: {error}"))?;
     println!("cargo::rustc-link-search={}", out.display());

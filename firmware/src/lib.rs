@@ -29,11 +29,84 @@
 //! reward, no channel model and no other vehicle. The simulator and the trainer call exactly this code; for rows of worlds the
 //! simulator has a network of its own, and calls the rest lane by lane.
 //!
+//! # On your chip
+//! A board has a serial line to the modem, a periodic timer, and these few lines; `docs/any-chip.md` and the programs in `chips/` have them for
+//! a Cortex-M0, a Cortex-M33 and a RISC-V.
+//!
+//! ```toml
+//! [dependencies]
+//! firmware = { path = "freshlane/firmware", default-features = false }
+//! ```
+//!
+//! ```
+//! use firmware::link::{ModemFrame, encode};
+//! use firmware::lots::Identity;
+//! use firmware::session::{Request, Session};
+//! use firmware::tables::DISTILLED;
+//! use firmware::unit::Unit;
+//!
+//! /// What a board gives.
+//! trait Board {
+//!     fn send(&mut self, bytes: &[u8]);
+//!     fn start_timer(&mut self, period_microseconds: u32);
+//! }
+//!
+//! /// Called after every byte and after every tick.
+//! fn serve(session: &mut Session<'_>, request: Option<Request>, board: &mut impl Board) {
+//!     if let Some(period) = session.timer_restart() {
+//!         board.start_timer(period);
+//!     }
+//!     if let Some(Request::Answer(message)) = request
+//!         && let Ok(frame) = encode(&message)
+//!     {
+//!         board.send(&frame);
+//!     }
+//! }
+//!
+//! # #[derive(Default)]
+//! # struct Desk { sent: Vec<u8>, period: u32 }
+//! # impl Board for Desk {
+//! #     fn send(&mut self, bytes: &[u8]) { self.sent.extend(bytes) }
+//! #     fn start_timer(&mut self, period_microseconds: u32) { self.period = period_microseconds }
+//! # }
+//! # let mut board = Desk::default();
+//! // The number is the chip's own, and no two units of a cell share one. Keep the session in a static place: it takes some 4.5 KB.
+//! let mut session = Session::new(Unit::new(DISTILLED, Identity::of_device([1, 2, 3])));
+//! board.start_timer(session.clock().tick_microseconds());
+//!
+//! // The serial line's interrupt: here with a frame that says that the modem measured nothing in slot 7.
+//! let frame = encode(&ModemFrame::Missed { slot: 7 }).unwrap();
+//! for &byte in &frame {
+//!     let request = session.byte(byte);
+//!     serve(&mut session, request, &mut board);
+//! }
+//! # assert!(!board.sent.is_empty());
+//! # board.sent.clear();
+//!
+//! // The timer's interrupt: four ticks a slot, and one more says that the next frame is overdue.
+//! for _ in 0..5 {
+//!     let request = session.tick();
+//!     serve(&mut session, request, &mut board);
+//! }
+//! # assert!(!board.sent.is_empty() && board.period == 250);
+//! ```
+//!
+//! [`session::Request::Update`] is a step of a table's update; [`table_store`] takes it where a board has two flash sectors to spare, and a
+//! board without them leaves it unanswered.
+//!
 //! # Features
-//! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com) (off by default). The image logs over RTT; a host
-//!   program that enables it must define a `#[defmt::global_logger]`.
+//! * `stm32f405` (on by default): the image for that chip, its dependencies and its memory map. Off, the library has portable
+//!   dependencies alone: no runtime, no register definitions, no critical section, no argument for the linker.
+//! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com). The image logs over RTT; whoever else enables it must define a
+//!   `#[defmt::global_logger]`.
 //! * `semihosting`: the image logs over semihosting, for an emulator.
 //! * `no-panic-proof`: the image links only if nothing in it can panic. It accepts no table over the air.
+//! * `measure`: the program that counts the image's instructions in an emulator.
+//!
+//! # Processors
+//! The library runs on anything that `no_std` runs on, without atomic operations, and decides alike everywhere, to the byte. Where there is the
+//! DSP extension of ARMv7E-M or ARMv8-M, [`network::Network::infer`] runs an assembly kernel. ARMv7E-M always has it; for ARMv8-M the build's flags
+//! say so (`-C target-cpu=cortex-m33`).
 #![no_std]
 #![deny(
     missing_docs,

@@ -67,7 +67,15 @@ const CONTINUOUS_SCALE: i32 = (1 << 24) / CONTINUOUS_ONE;
 /// The table's checksum.
 pub const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// Bytes aligned to a word, as weights should lie in flash.
+/// Bytes aligned to a word, as a table must lie in memory.
+///
+/// ```
+/// use firmware::table::Aligned;
+///
+/// const FILE: &[u8; 5] = b"bytes"; // in a program: include_bytes!("table.bin")
+/// static TABLE: Aligned<{ FILE.len() }> = Aligned(*FILE);
+/// assert_eq!(TABLE.0, *FILE);
+/// ```
 #[repr(C, align(4))]
 #[derive(Debug)]
 pub struct Aligned<const LEN: usize>(pub [u8; LEN]);
@@ -107,6 +115,11 @@ pub enum TableError {
         /// What its bytes give.
         computed: u32,
     },
+    /// The bytes do not begin at a word. The kernel loads words, so on a processor that has it such a table would be seven times slower.
+    Alignment {
+        /// Bytes past a word's boundary.
+        past: u8,
+    },
     /// Shorter than a header, a checksum and the layers, or a field that does not fit.
     Read(ReadError),
 }
@@ -125,6 +138,7 @@ impl TableError {
             Self::Version(_) => "version",
             Self::Length { .. } => "length",
             Self::Checksum { .. } => "checksum",
+            Self::Alignment { .. } => "alignment",
             Self::Read(ReadError::Truncated { .. }) => "truncated",
             Self::Read(ReadError::Field { name, .. }) => name,
         }
@@ -139,6 +153,7 @@ impl TableError {
                 write!(formatter, "{found} bytes")
             }
             Self::Checksum { computed, .. } => write!(formatter, "{computed:#010x}"),
+            Self::Alignment { past } => write!(formatter, "bytes that begin {past} behind a word's boundary"),
             Self::Read(ReadError::Field { found, .. }) => write!(formatter, "{found}"),
         })
     }
@@ -152,6 +167,7 @@ impl TableError {
             Self::Checksum { stored, .. } => {
                 write!(formatter, "{stored:#010x} as stored: the table is damaged")
             }
+            Self::Alignment { .. } => formatter.write_str("some that begin at a word, as in table::Aligned"),
             Self::Read(ReadError::Truncated { expected, .. }) => write!(formatter, "at least {expected}"),
             Self::Read(ReadError::Field { expected, .. }) => write!(formatter, "{expected}"),
         })
@@ -193,7 +209,7 @@ pub struct Table<'t> {
 }
 
 impl<'t> Table<'t> {
-    /// Checks `bytes` and reads them in place.
+    /// Checks `bytes`, which begin at a word ([`Aligned`]), and reads them in place.
     ///
     /// # Errors
     /// [`TableError`] names the first field that does not fit. Nothing past the checksum is trusted before it matches.
@@ -209,6 +225,10 @@ impl<'t> Table<'t> {
         let (body, checksum) = bytes.split_last_chunk::<4>().ok_or(truncated)?;
         if body.len() < HEADER_LEN {
             return Err(truncated.into());
+        }
+        let past = (bytes.as_ptr().addr() & 3) as u8;
+        if past > 0 {
+            return Err(TableError::Alignment { past });
         }
         let mut reader = Reader { rest: body };
         let magic = reader.array::<4>()?;

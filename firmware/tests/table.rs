@@ -236,3 +236,24 @@ fn a_built_in_table_describes_itself() {
         Err(error) => assert!(!error.to_string().is_empty()),
     }
 }
+
+#[test]
+fn a_table_that_does_not_begin_at_a_word_is_refused() {
+    let table = firmware::tables::DISTILLED;
+    // Three bytes to spare: at one of the four places it begins at a word.
+    let mut memory = vec![0; table.len() + 3];
+    let start = memory.as_ptr().addr();
+    for shift in 0..4 {
+        memory[shift..shift + table.len()].copy_from_slice(table);
+        let outcome = Table::parse(&memory[shift..shift + table.len()]).map(drop);
+        match (start + shift) % 4 {
+            0 => assert_eq!(outcome, Ok(())),
+            past => assert_eq!(
+                outcome.unwrap_err().to_string(),
+                format!(
+                    "alignment: found bytes that begin {past} behind a word's boundary, expected some that begin at a word, as in table::Aligned"
+                )
+            ),
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! The Cortex-M4's own way through a network: `kernel.s`, and the few lines that call it.
+//! The DSP extension's way through a network: `kernel.s`, and the few lines that call it. Counts and cycles are a Cortex-M4's.
 //!
 //! # Method
 //! A multiply-accumulate takes one cycle here, and SMLAD does two at once, but only on 16-bit halves: int8 weights must be

@@ -1,4 +1,4 @@
-@ Dense layers for ARMv7E-M. `kernel.rs` explains the method; names below are its names.
+@ Dense layers for ARMv7E-M, and ARMv8-M with the DSP extension. `kernel.rs` explains the method; names below are its names.
 @
 @ Why a file of assembly: the inner loop needs 14 registers, r6 and r7 among them, which `asm!` does not give, and the
 @ compiler would spill some of them in every step.
@@ -13,6 +13,8 @@
 @
 @ Cycles in comments are the Cortex-M4 TRM's (table 3-1) without wait states: LDM of n words 1 + n, arithmetic 1.
 
+@ Why .cpu although the build knows its processor: the compiler also reads this file for its symbols alone, and then knows none.
+@ An ARMv8-M core with the extension executes the same encodings.
     .syntax unified
     .cpu cortex-m4
     .thumb

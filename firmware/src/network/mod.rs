@@ -1,13 +1,14 @@
 //! Dense int8 layers one after the other, evaluated in integers only.
 //!
-//! [`DenseLayer`] holds the exact integer specification and portable code that is nothing else. On the Cortex-M4 a kernel
-//! in assembly takes its place; `kernel.rs` explains it.
+//! [`DenseLayer`] holds the exact integer specification and portable code that is nothing else. On a processor with the DSP
+//! extension (Cortex-M4 and M7; M33, M55 and M85 where the build names them) a kernel in assembly takes its place; `kernel.rs`
+//! explains it.
 
 mod activations;
 mod dense;
 mod error;
 mod geometry;
-#[cfg(target_arch = "arm")]
+#[cfg(dsp_extension)]
 mod kernel;
 
 pub use activations::{Activations, Scratch};
@@ -88,11 +89,11 @@ impl<'t> Network<'t> {
     /// The outputs for an int8 input; those that the network does not have are 0. Inputs that are missing count as 0, and
     /// further ones are ignored.
     ///
-    /// On a Cortex-M4 a kernel in assembly computes them, in the same number of instructions for every input; a table that
-    /// is not aligned to a word, which the kernel could not load, and every other processor take the specification's own
-    /// code. The bits are the same.
+    /// Where the processor has the DSP extension a kernel in assembly computes them, in the same number of instructions for every
+    /// input; every other processor takes the specification's own code, and so do layers that are not aligned to a word, which
+    /// the kernel could not load ([`Table`](crate::table::Table) refuses them). The bits are the same.
     pub fn infer(&self, scratch: &mut Scratch, input: &[i8]) -> [i32; MAX_OUTPUTS] {
-        #[cfg(target_arch = "arm")]
+        #[cfg(dsp_extension)]
         if let Some(outputs) = kernel::infer(&self.hidden, &self.output, scratch, input) {
             return outputs;
         }
