@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 pub mod browser;
+pub mod chips;
 pub mod image;
 #[path = "../../firmware/tests/noise.rs"]
 pub mod noise;

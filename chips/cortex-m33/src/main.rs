@@ -1,0 +1,20 @@
+//! A unit on a Cortex-M33: Arm's FPGA image AN505, as QEMU's `mps2-an505` has it.
+#![no_std]
+#![no_main]
+
+mod chip;
+
+use board::line::{FromModem, ToModem};
+use embassy_executor::Spawner;
+use firmware::lots::Identity;
+use firmware::session::Session;
+use firmware::tables::DISTILLED;
+use firmware::unit::Unit;
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) -> ! {
+    // A task lives in a static place, and its session with it.
+    let mut session = Session::new(Unit::new(DISTILLED, Identity::of_device(chip::number())));
+    chip::start();
+    unit::run(&mut session, FromModem, ToModem(chip::send)).await
+}
