@@ -1,11 +1,15 @@
 //! SUMO as the traffic. What needs SUMO is marked as ignored, and `./test sumo` installs SUMO and runs it.
 
 use host_sim::closed_loop::experiment::{LoopSource, Traffic};
+use host_sim::journeys::delays::Fixed;
+use host_sim::journeys::hour::{self, Case, Sight};
 use host_sim::journeys::incidents::Incidents;
+use host_sim::journeys::queues::Queues;
 use host_sim::journeys::roads::{Road, RoadMap};
 use host_sim::journeys::sumo::traci::Client;
 use host_sim::journeys::sumo::{Programs, SumoTraffic};
-use host_sim::journeys::{Arrival, TrafficModel};
+use host_sim::journeys::town::Town;
+use host_sim::journeys::{Arrival, TrafficModel, trips};
 use host_sim::mobility::live::LiveSumo;
 use host_sim::mobility::{MobilitySource as _, Place};
 use host_sim::policy::clock;
@@ -691,6 +695,46 @@ fn the_built_in_traffic_agrees() {
             "{own:?} {sumo:?}"
         );
     }
+}
+
+/// Twice as many as the roads carry: queues everywhere, and the built-in traffic still takes as long as SUMO.
+#[test]
+#[ignore = "needs SUMO: ./test sumo"]
+fn the_built_in_traffic_agrees_where_roads_are_full() {
+    let settings = [
+        "planning.horizon_s=600",
+        "planning.warmup_s=150",
+        "planning.trips_per_pair_veh_per_h=260",
+    ];
+    let scenario = ScenarioSource {
+        settings: settings.map(str::to_owned).to_vec(),
+        ..ScenarioSource::default()
+    };
+    let scenario = scenario.read().expect("a scenario");
+    let town = Town::of_grid(&scenario).expect("a grid");
+    let key = WorldKey {
+        seed: 1,
+        purpose: Purpose::Evaluation,
+        world: 0,
+    };
+    let trips = trips::draw(town.paths(), scenario.planning.horizon_s, &key);
+    let incidents = Incidents::none(town.map().block_count());
+    let usual = town.free_speeds_m_per_s();
+    let world = town.world(key, &trips, &incidents, &usual, &scenario.planning);
+    let blind = Case {
+        sight: Sight::Blind,
+        connected_share: 0.0,
+        obeying_share: 0.0,
+        fade_s: 1.0,
+    };
+    let trip_time_s = |traffic: &mut dyn TrafficModel| {
+        let outcome = hour::run(world, blind, traffic, &mut Fixed(0.0), |_, _| ());
+        outcome.expect("ten minutes").trip_time_s
+    };
+    let own_s = trip_time_s(&mut Queues::new(town.map(), &incidents));
+    let sumo_s = trip_time_s(&mut free(town.map()));
+    println!("built-in {own_s} s, SUMO {sumo_s} s");
+    close_to(own_s, sumo_s, 0.1);
 }
 
 /// A 4 x 4 grid of blocks with trips between any two crossings: free flow, for as much as its lanes carry.

@@ -34,11 +34,6 @@ impl Road {
         self.length_m / self.free_speed_m_per_s
     }
 
-    /// How many vehicles find room on it, rounded up so that it can carry its capacity.
-    pub fn storage(&self) -> u32 {
-        (self.length_m * f64::from(self.lanes) / SPACING_M).ceil() as u32
-    }
-
     /// Time between two vehicles of a lane behind one another beyond that for their spacing, in s: with it a lane of the
     /// triangular fundamental diagram carries its capacity at free speed (Newell 1993).
     pub fn reaction_time_s(&self) -> f64 {
