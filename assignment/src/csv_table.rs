@@ -5,6 +5,7 @@ use kit::error::{Error, Result};
 use kit::files::Text;
 use std::borrow::Cow;
 use std::cell::RefCell;
+use std::collections::HashSet;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -50,8 +51,9 @@ impl CsvTable {
             .iter()
             .map(str::to_owned)
             .collect();
-        for (index, column) in columns.iter().enumerate() {
-            if columns[..index].contains(column) {
+        let mut seen = HashSet::new();
+        for column in &columns {
+            if !seen.insert(column) {
                 let found = format!("a second column `{column}`");
                 return Err(Error::input(format!("{name}:1"), found, "each column once"));
             }

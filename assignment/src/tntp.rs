@@ -10,6 +10,7 @@ use crate::link::{CostWeights, DelayFunction, Link, NodeNumbering, check_not_neg
 use crate::network::Network;
 use kit::error::{Error, Result};
 use kit::files::Text;
+use std::collections::HashMap;
 use std::str::FromStr;
 
 /// Columns of a link. `speed` and `link_type` do not enter an assignment and are not read; the last may be missing.
@@ -41,6 +42,15 @@ pub fn read_network(Text { name, text }: &Text, weights: CostWeights) -> Result<
     };
     let stated_links: usize = metadata.number(LINKS)?;
     numbering.check(name)?;
+    // Each node takes memory, which a number alone is not worth.
+    if numbering.nodes as usize > text.len() {
+        let expected = format!("fewer: the file has {} bytes", text.len());
+        return Err(Error::input(
+            format!("{name}: <{NODES}>"),
+            numbering.nodes,
+            expected,
+        ));
+    }
     let mut links = Vec::new();
     // Each row has as many columns as the longest: one column less is no hole in the middle then.
     let columns = body
@@ -229,8 +239,8 @@ fn parse<T: FromStr>(place: &str, name: &str, text: &str, expected: &str) -> Res
 /// The `<KEY> value` lines at the head of a file.
 struct Metadata<'a> {
     name: &'a str,
-    /// Key, value and number of the line.
-    entries: Vec<(&'a str, &'a str, usize)>,
+    /// By key, value and number of the line.
+    entries: HashMap<&'a str, (&'a str, usize)>,
 }
 
 /// What follows the metadata.
@@ -241,7 +251,7 @@ struct Body<'a> {
 
 impl<'a> Metadata<'a> {
     fn parse(name: &'a str, text: &'a str) -> Result<(Self, Body<'a>)> {
-        let mut entries: Vec<(&str, &str, usize)> = Vec::new();
+        let mut entries = HashMap::new();
         let mut rest = text.trim_start_matches('\u{feff}');
         let mut number = 0;
         while !rest.is_empty() {
@@ -271,14 +281,13 @@ impl<'a> Metadata<'a> {
                     },
                 ));
             }
-            if entries.iter().any(|(known, ..)| *known == key) {
+            if entries.insert(key, (value.trim(), number)).is_some() {
                 return Err(Error::input(
                     format!("{name}:{number}"),
                     format!("a second <{key}>"),
                     "each key once",
                 ));
             }
-            entries.push((key, value.trim(), number));
         }
         Err(Error::input(
             name,
@@ -289,10 +298,8 @@ impl<'a> Metadata<'a> {
 
     /// The text of a key that must be there, and its line.
     fn entry(&self, key: &str) -> Result<(&'a str, usize)> {
-        let found = self.entries.iter().find(|(known, ..)| *known == key);
-        found
-            .map(|(_, value, line)| (*value, *line))
-            .ok_or_else(|| Error::input(self.name, format!("no <{key}>"), "it among the metadata"))
+        let found = self.entries.get(key).copied();
+        found.ok_or_else(|| Error::input(self.name, format!("no <{key}>"), "it among the metadata"))
     }
 
     /// The value of a key that must be there.

@@ -473,6 +473,16 @@ Origin 1
 #[test]
 fn bad_networks_are_named_by_line() {
     assert!(read_network(&Text::new("net", NETWORK), CostWeights::default()).is_ok());
+    // A number in a small file is no reason for much memory.
+    let start = NETWORK.find("<NUMBER OF NODES>").unwrap();
+    let line = NETWORK[start..].lines().next().unwrap();
+    let claims = NETWORK.replace(line, "<NUMBER OF NODES> 9000000");
+    let failure = read_network(&Text::new("net", &claims), CostWeights::default()).unwrap_err();
+    let expected = format!(
+        "net: <NUMBER OF NODES>: found 9000000, expected fewer: the file has {} bytes",
+        claims.len()
+    );
+    assert_eq!(failure.to_string(), expected);
     for (from, to, message) in [
         (
             "\t1\t3\t10\t1",

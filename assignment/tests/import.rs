@@ -481,6 +481,14 @@ fn sumo_trips_lead_between_zones_of_edges_and_may_be_compressed() {
         without.ends_with("od.xml:1: found fromTaz=\"1\", expected a <taz> that came before, or of --taz")
     );
     std::fs::write(path("net.xml.gz"), &packed[..packed.len() / 2]).unwrap();
+    let mut bomb = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut bomb, &vec![b' '; 20 << 20]).unwrap();
+    std::fs::write(path("bomb.xml.gz"), bomb.finish().unwrap()).unwrap();
+    let bomb = message(import(&path("bomb.xml.gz"), Some(&path("od.xml")), &options));
+    assert!(
+        bomb.ends_with("bytes when unpacked, expected at most 100 times the file's size"),
+        "{bomb}"
+    );
     let half = message(import(&path("net.xml.gz"), Some(&path("od.xml")), &options));
     assert!(
         half.ends_with("net.xml.gz: found a truncated gzip file, expected all of it"),

@@ -38,14 +38,35 @@ impl Text {
         }
     }
 
-    /// The text of a file.
+    /// The text of a file, without its byte-order mark.
     ///
     /// # Errors
-    /// [`Error::File`] if it cannot be read.
+    /// [`Error::File`] if it cannot be read, [`Error::Input`] naming the line with bytes that are no UTF-8.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        let name = path.display().to_string();
-        Ok(Self { name, text })
+        let bytes = std::fs::read(path).map_err(|source| Error::file(path, source))?;
+        Self::decode(path.display().to_string(), bytes)
+    }
+
+    /// The text that a file's bytes are, without its byte-order mark.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the line with bytes that are no UTF-8.
+    pub fn decode(name: String, bytes: Vec<u8>) -> Result<Self> {
+        match String::from_utf8(bytes) {
+            Ok(mut text) => {
+                if text.starts_with('\u{feff}') {
+                    text.drain(..'\u{feff}'.len_utf8());
+                }
+                Ok(Self { name, text })
+            }
+            Err(error) => {
+                let good = error.utf8_error().valid_up_to();
+                let bytes = error.as_bytes();
+                let line = 1 + bytes[..good].iter().filter(|byte| **byte == b'\n').count();
+                let found = format!("the byte {:#04x}", bytes[good]);
+                Err(Error::input(format!("{name}:{line}"), found, "text in UTF-8"))
+            }
+        }
     }
 }
 
@@ -102,10 +123,8 @@ pub fn remove(path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Input`] names the option and the file.
 pub fn check_output(option: &str, output: &Path, inputs: &[PathBuf]) -> Result<()> {
-    let Ok(existing) = output.canonicalize() else {
-        return Ok(());
-    };
-    let same = |input: &&PathBuf| input.canonicalize().is_ok_and(|input| input == existing);
+    // By what the file system calls the files: names may differ.
+    let same = |input: &&PathBuf| same_file::is_same_file(input, output).unwrap_or(false);
     inputs.iter().find(same).map_or(Ok(()), |input| {
         let found = format!("{}, which is read", input.display());
         Err(Error::input(option, found, "a file of its own"))
@@ -254,6 +273,33 @@ mod tests {
 
     thread_local! {
         pub(super) static STEPS: RefCell<Vec<(Step, PathBuf)>> = const { RefCell::new(Vec::new()) };
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_named_by_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("caf\u{e9}.csv");
+        std::fs::write(&path, b"one\ntwo\ncaf\xe9\n").unwrap();
+        let message = Text::read(&path).unwrap_err().to_string();
+        let expected = format!(
+            "{}:3: found the byte 0xe9, expected text in UTF-8",
+            path.display()
+        );
+        assert_eq!(message, expected);
+        std::fs::write(&path, "\u{feff}one").unwrap();
+        assert_eq!(Text::read(&path).unwrap().text, "one");
+    }
+
+    #[test]
+    fn an_input_is_no_output_under_any_of_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("input"), "1").unwrap();
+        std::fs::hard_link(path("input"), path("link")).unwrap();
+        std::fs::write(path("other"), "1").unwrap();
+        let check = |name: &str| check_output("--flows", &path(name), &[path("input")]);
+        assert!(check("input").is_err() && check("link").is_err());
+        assert!(check("other").is_ok() && check("new").is_ok());
     }
 
     #[test]

@@ -2,11 +2,15 @@
 //! `KEY=VALUE` settings.
 
 use crate::error::{Error, Result};
+use crate::files::Text;
 use crate::keys::{Key, Kind, check, listed, nearest, value};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
+
+/// Most parts of a key (chosen: those that exist have three).
+const MOST_PARTS: usize = 16;
 
 /// The layers so far, and which file set a key.
 #[derive(Clone, Debug)]
@@ -35,8 +39,8 @@ impl<'k> Layers<'k> {
     /// [`Error::File`] if the file cannot be read, [`Error::Input`] names the file and line, the key or the setting.
     pub fn lay_over(&mut self, file: Option<&Path>, settings: &[String]) -> Result<()> {
         if let Some(path) = file {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-            self.lay(parse(&path.display().to_string(), &text)?, file)?;
+            let Text { name, text } = Text::read(path)?;
+            self.lay(parse(&name, &text)?, file)?;
         }
         settings
             .iter()
@@ -180,6 +184,11 @@ fn parse_setting(setting: &str) -> Result<Table> {
     let (key, value) = setting
         .split_once('=')
         .ok_or_else(|| Error::input("--set", format!("\"{setting}\""), "KEY=VALUE"))?;
+    let parts = key.split('.').count();
+    if parts > MOST_PARTS {
+        let found = format!("a key of {parts} parts");
+        return Err(Error::input("--set", found, format!("at most {MOST_PARTS}")));
+    }
     let value = format!("value = {value}")
         .parse::<Table>()
         .ok()
@@ -246,6 +255,13 @@ mod tests {
             #[key(range = 1.0..=9.0, unit = "1/s", source = "chosen")]
             frequency: u32,
         }
+    }
+
+    #[test]
+    fn a_key_without_end_is_refused() {
+        let endless = format!("{}a=1", "a.".repeat(60_000));
+        let message = parse_setting(&endless).unwrap_err().to_string();
+        assert_eq!(message, "--set: found a key of 60001 parts, expected at most 16");
     }
 
     const PRESET: &str = "learner = { rate = 0.5, loss = \"huber\", widths = [8], ends = [0, 1] }

@@ -15,7 +15,8 @@ use host_sim::simulation::{Extent, Simulation};
 use host_sim::weight_table::WeightTable;
 use host_sim::{Shard, thread_pool};
 use kit::error::{Error, Result};
-use kit::files::{check_folder, write_whole};
+use kit::files::{Text, check_folder, write_whole};
+use kit::layers::parse_as;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -115,14 +116,8 @@ impl Plan {
     /// # Errors
     /// The file and the line, the case or the setting.
     pub fn read(path: &Path) -> Result<Self> {
-        let place = path.display();
-        let text = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        let plan: Self = toml::from_str(&text).map_err(|error| {
-            let line = error
-                .span()
-                .map_or(1, |span| text[..span.start].lines().count().max(1));
-            Error::input(format!("{place}:{line}"), error.message(), "a plan")
-        })?;
+        let Text { name: place, text } = Text::read(path)?;
+        let plan: Self = parse_as(&place, &text, "a plan")?;
         if plan.seeds.is_empty() || plan.case.is_empty() {
             return Err(Error::input(place, "no seed or no case", "at least one of each"));
         }

@@ -9,6 +9,7 @@ use crate::scenario::Preset;
 use assignment::formats;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
+use kit::files::Text;
 use kit::keys::nearest;
 use kit::layers::parse;
 use serde_json::json;
@@ -55,10 +56,9 @@ impl Grid {
     /// Names the file and the line or key: an unknown key (with the nearest one), an empty axis, a value of another type,
     /// lists that cannot be zipped, or more than [`MOST_POINTS`] points.
     pub fn read(path: &Path, seeds: Option<&[u64]>) -> Result<Self> {
-        let file = std::fs::read_to_string(path).map_err(|source| Error::file(path, source))?;
-        let place = path.display();
-        let mut found = parse(&place.to_string(), &file)?;
-        let command = command(&place.to_string(), found.remove(COMMAND))?;
+        let Text { name: place, text } = Text::read(path)?;
+        let mut found = parse(&place, &text)?;
+        let command = command(&place, found.remove(COMMAND))?;
         let zip = found.remove(ZIP);
         let known = command.known_keys()?;
         let mut values = Table::new();

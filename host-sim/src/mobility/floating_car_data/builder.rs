@@ -10,6 +10,12 @@ const NOT_VEHICLES: [&str; 2] = ["person", "container"];
 /// Decimals of a second that a time may have: a slot is 1 ms.
 const TIME_DECIMALS: usize = 3;
 
+/// Coordinates lie so near to their origin, in m (chosen: the circumference of the Earth, which no projection exceeds).
+const FARTHEST_M: f64 = 4e7;
+
+/// No vehicle is faster (chosen: as fast as sound).
+const FASTEST_M_PER_S: f64 = 343.0;
+
 /// An element that holds something.
 struct Element<'a> {
     tag: &'a str,
@@ -196,17 +202,10 @@ impl TraceBuilder {
     fn add_vehicle(&mut self, line: usize, element: &Element<'_>) -> Result<()> {
         let id = self.attribute(line, element, "id")?;
         let position = Position {
-            x_m: self.number(line, element, "x")?,
-            y_m: self.number(line, element, "y")?,
-            speed_m_per_s: self.number(line, element, "speed")?,
+            x_m: self.number(line, element, "x", (-FARTHEST_M, FARTHEST_M))?,
+            y_m: self.number(line, element, "y", (-FARTHEST_M, FARTHEST_M))?,
+            speed_m_per_s: self.number(line, element, "speed", (0.0, FASTEST_M_PER_S))?,
         };
-        if position.speed_m_per_s < 0.0 {
-            return Err(self.error(
-                line,
-                format!("speed=\"{}\"", position.speed_m_per_s),
-                "a speed of at least 0 m/s",
-            ));
-        }
         let steps_so_far = self.steps.len();
         let vehicle = match self.vehicle_by_id.get(&id) {
             Some(&vehicle) => vehicle,
@@ -240,17 +239,22 @@ impl TraceBuilder {
         })
     }
 
-    /// A finite number.
-    fn number(&self, line: usize, element: &Element<'_>, name: &str) -> Result<f64> {
+    /// A number within limits.
+    fn number(
+        &self,
+        line: usize,
+        element: &Element<'_>,
+        name: &str,
+        (least, most): (f64, f64),
+    ) -> Result<f64> {
         let text = self.attribute(line, element, name)?;
-        let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
-        number.ok_or_else(|| {
-            self.error(
-                line,
-                format!("{name}=\"{}\"", shortened(&text)),
-                "a finite number",
-            )
-        })
+        let number = text.trim().parse().ok();
+        number
+            .filter(|number| (least..=most).contains(number))
+            .ok_or_else(|| {
+                let found = format!("{name}=\"{}\"", shortened(&text));
+                self.error(line, found, format!("a number from {least} to {most}"))
+            })
     }
 
     /// Seconds in decimal digits, exactly, as milliseconds.

@@ -2,6 +2,7 @@
 
 use super::Trace;
 use super::builder::TraceBuilder;
+use assignment::text::most_unpacked;
 use flate2::bufread::MultiGzDecoder;
 use kit::error::{Error, Result};
 use quick_xml::XmlVersion;
@@ -15,6 +16,9 @@ use std::path::Path;
 /// The first two bytes of every gzip file (RFC 1952, section 2.3.1).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
+/// Longest element or text, in bytes (chosen: a vehicle takes some hundred).
+const LONGEST_EVENT: usize = 1 << 20;
+
 impl Trace {
     /// Reads a trace from a file, plain or compressed by gzip; the file's content decides which, not its name.
     ///
@@ -23,6 +27,7 @@ impl Trace {
     pub fn read(path: &Path) -> Result<Self> {
         let in_file = |source| Error::file(path, source);
         let mut file = File::open(path).map_err(in_file)?;
+        let most = most_unpacked(&file).map_err(in_file)?;
         let mut magic = Vec::new();
         let _bytes_read = (&mut file)
             .take(GZIP_MAGIC.len() as u64)
@@ -32,7 +37,11 @@ impl Trace {
         let whole = BufReader::new(std::io::Cursor::new(magic).chain(file));
         let place_name = path.display().to_string();
         if compressed {
-            Self::parse(&place_name, BufReader::new(MultiGzDecoder::new(whole)))
+            let unpacked = Limited {
+                inner: MultiGzDecoder::new(whole),
+                left: most,
+            };
+            Self::parse(&place_name, BufReader::new(unpacked))
         } else {
             Self::parse(&place_name, whole)
         }
@@ -49,6 +58,7 @@ impl Trace {
         let mut reader = Reader::from_reader(LineCounter {
             inner: reader,
             newlines: 0,
+            event: 0,
         });
         let mut builder = TraceBuilder::new(place_name);
         let mut buffer = Vec::new();
@@ -56,6 +66,7 @@ impl Trace {
             // Markup begins where the last event ended, so this is its line even when it spans several.
             let line = reader.get_ref().newlines + 1;
             buffer.clear();
+            reader.get_mut().event = 0;
             match reader.read_event_into(&mut buffer) {
                 Ok(Event::Start(element)) => open(&mut builder, place_name, line, &element)?,
                 Ok(Event::Empty(element)) => {
@@ -91,10 +102,30 @@ fn open(builder: &mut TraceBuilder, name: &str, line: usize, element: &BytesStar
     builder.open(line, element.name().as_ref(), &attribute)
 }
 
-/// Counts the newlines of what has been consumed, so that an error can name a line without keeping the text.
+/// Gives so many bytes, and an error if there are more.
+struct Limited<R> {
+    inner: R,
+    left: u64,
+}
+
+impl<R: Read> Read for Limited<R> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.inner.read(into)?;
+        self.left = self
+            .left
+            .checked_sub(count as u64)
+            .ok_or_else(|| std::io::Error::other("it unpacks to more than a hundred times its size"))?;
+        Ok(count)
+    }
+}
+
+/// Counts the newlines of what has been consumed, so that an error can name a line without keeping the text; refuses markup and
+/// text that no end is in sight of.
 struct LineCounter<R> {
     inner: R,
     newlines: usize,
+    /// Bytes of the present event.
+    event: usize,
 }
 
 impl<R: BufRead> Read for LineCounter<R> {
@@ -107,6 +138,10 @@ impl<R: BufRead> Read for LineCounter<R> {
 
 impl<R: BufRead> BufRead for LineCounter<R> {
     fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        if self.event > LONGEST_EVENT {
+            let what = format!("an element or a text of more than {LONGEST_EVENT} bytes");
+            return Err(std::io::Error::other(what));
+        }
         self.inner.fill_buf()
     }
 
@@ -117,6 +152,7 @@ impl<R: BufRead> BufRead for LineCounter<R> {
         {
             self.newlines += buffered.iter().take(count).filter(|byte| **byte == b'\n').count();
         }
+        self.event += count;
         self.inner.consume(count);
     }
 }
