@@ -22,8 +22,9 @@ use std::path::{Path, PathBuf};
 /// Share of unfinished trips from which on times are no longer trip times (chosen).
 const UNFINISHED: f64 = 0.005;
 
-/// What would be shown as 0.000.
-const LEAST_TROUBLE: f64 = 0.0005;
+/// Decimals with which vehicles that wait, and shares of trips in trouble, are shown.
+const WAITING_DECIMALS: usize = 1;
+const SHARE_DECIMALS: usize = 3;
 
 /// Options of `loop`.
 #[derive(Clone, Debug, clap::Args)]
@@ -246,10 +247,10 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     let each = || rows.iter();
     let ages = |value: fn(&AgeSummary) -> f64| each().map(move |row| row.ages.map(value));
     // Shown where there is any.
-    let trouble = |shown: &str, name: &str, value: fn(&CaseResult) -> f64| {
+    let trouble = |shown: &str, name: &str, decimals: usize, value: fn(&CaseResult) -> f64| {
         let column = Column::number(name, each().map(|row| value(row.result)));
-        match each().any(|row| value(row.result) > LEAST_TROUBLE) {
-            true => column.shown(shown, "", 3),
+        match each().any(|row| is_seen(value(row.result), decimals)) {
+            true => column.shown(shown, "", decimals),
             false => column.unseen(),
         }
     };
@@ -274,9 +275,15 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         .shown("+-95 %", "s", 2),
         Column::number("queued_vehicles", each().map(|row| row.result.queued.0)).shown("queued", "", 0),
         Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
-        trouble("waiting", "waiting_vehicles", |result| result.waiting),
-        trouble("unfinished", "unfinished_share", |result| result.unfinished),
-        trouble("stuck", "let_through_per_trip", |result| result.let_through),
+        trouble("waiting", "waiting_vehicles", WAITING_DECIMALS, |result| {
+            result.waiting
+        }),
+        trouble("unfinished", "unfinished_share", SHARE_DECIMALS, |result| {
+            result.unfinished
+        }),
+        trouble("stuck", "let_through_per_trip", SHARE_DECIMALS, |result| {
+            result.let_through
+        }),
     ])?
     .titled("From slot to street");
     table.note(&format!("{}.", description(experiment, town, summary)));
@@ -308,8 +315,11 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
          hour; from the start where there is none. Trip time: of all, from the wish to set out to arrival. Queued: vehicles slower than \
          5 km/h. V/C: flow over capacity, mean over roads.",
     );
-    let trouble = |result: &CaseResult| result.waiting.max(result.unfinished).max(result.let_through);
-    if rows.iter().any(|row| trouble(row.result) > LEAST_TROUBLE) {
+    let trouble = |result: &CaseResult| {
+        is_seen(result.waiting, WAITING_DECIMALS)
+            || is_seen(result.unfinished.max(result.let_through), SHARE_DECIMALS)
+    };
+    if rows.iter().any(|row| trouble(row.result)) {
         table.note(
             "Waiting: vehicles that found no room to set out. Unfinished: share of trips that did not arrive. Stuck: how often, for each \
              trip, somebody was let into a full road after 300 s.",
@@ -329,6 +339,11 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
         "One world: no intervals. Cells do not disturb each other here."
     });
     Ok(table)
+}
+
+/// Whether so many decimals show more than 0.
+fn is_seen(value: f64, decimals: usize) -> bool {
+    value > 0.5 * libm::pow(0.1, decimals as f64)
 }
 
 fn description(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) -> String {
@@ -378,20 +393,24 @@ fn figures(description: &str, summary: &LoopSummary) -> Result<Vec<NamedText>> {
             points: delays,
         });
     }
+    let mut labels: Vec<String> = series.iter().map(|series| series.name.clone()).collect();
     for policy in &summary.policies {
         if let Some(ages) = &policy.ages {
+            let (age_ms, lost) = (ages.uncapped_mean_ms, policy.result.beyond(&summary.detected));
+            // Policies that are alike lie on one another: the legend says where.
+            labels.push(format!(
+                "{}: {:.2} s at {age_ms:.0} ms",
+                policy.policy.name, lost.0
+            ));
             series.push(Series {
                 name: policy.policy.name.to_owned(),
-                points: vec![point(
-                    ages.uncapped_mean_ms / 1000.0,
-                    policy.result.beyond(&summary.detected),
-                )],
+                points: vec![point(age_ms / 1000.0, lost)],
             });
         }
     }
     let mut set = Vec::new();
     if !series.is_empty() {
-        let chart = LineChart {
+        let mut chart = LineChart {
             title: "What a trip loses when knowledge comes late".to_owned(),
             note: note.clone(),
             horizontal: Axis::logarithmic("delay of reports, or a policy's mean age (s)"),
@@ -402,14 +421,16 @@ fn figures(description: &str, summary: &LoopSummary) -> Result<Vec<NamedText>> {
                 value: summary.no_information.beyond(&summary.detected).0,
             }],
         };
-        set.extend(chart.files(
-            "loop_delay",
-            [
-                "case",
-                "delay_or_mean_age_s",
-                "trip_time_beyond_reports_at_once_s",
-            ],
-        )?);
+        let points = chart.to_csv([
+            "case",
+            "delay_or_mean_age_s",
+            "trip_time_beyond_reports_at_once_s",
+        ])?;
+        for (series, label) in chart.series.iter_mut().zip(labels) {
+            series.name = label;
+        }
+        set.push(("loop_delay.svg".to_owned(), chart.to_svg()?));
+        set.push(("loop_delay.csv".to_owned(), points));
     }
     let bars = rows(summary).into_iter().filter_map(|row| {
         let (to, (value, half)) = row.loss?;

@@ -84,7 +84,7 @@ pub fn files(grid: &Grid, merged: &Merged, key: &str) -> Result<Vec<NamedText>> 
     for (point, outcome) in &merged.present {
         let values: Vec<String> = others
             .iter()
-            .map(|&other| text(grid.value(point, other)))
+            .map(|&other| label(&grid.axes()[other].key, grid.value(point, other)))
             .collect();
         let name = if values.is_empty() {
             ALL.to_owned()
@@ -166,6 +166,14 @@ pub fn files(grid: &Grid, merged: &Merged, key: &str) -> Result<Vec<NamedText>> 
     Ok(files)
 }
 
+/// A value in the legend: numbers need their key's name, words speak for themselves.
+fn label(key: &str, value: &Value) -> String {
+    match value {
+        Value::String(word) => word.clone(),
+        other => format!("{} {}", key.rsplit('.').next().unwrap_or(key), text(other)),
+    }
+}
+
 /// How much was computed, and with what seeds.
 fn note(grid: &Grid, merged: &Merged) -> String {
     let command = grid.command();
@@ -192,4 +200,18 @@ fn note(grid: &Grid, merged: &Merged) -> String {
         note += ". Bands: 95 %, over worlds";
     }
     note + "."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_legend_says_what_a_number_means() {
+        assert_eq!(
+            label("planning.connected_share", &Value::Float(0.5)),
+            "connected_share 0.5"
+        );
+        assert_eq!(label("policy", &Value::String("actor".to_owned())), "actor");
+    }
 }

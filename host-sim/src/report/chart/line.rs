@@ -90,7 +90,12 @@ impl LineChart {
         let heights: Vec<f64> = of_points.chain(references).collect();
         self.horizontal.check(&self.title, &across)?;
         self.vertical.check(&self.title, &heights)?;
-        let horizontal = Ticks::tight(self.horizontal.scale, across);
+        // A mark without a line cannot be read where it lies on the frame.
+        let horizontal = if self.series.iter().any(|series| series.points.len() == 1) {
+            Ticks::around(self.horizontal.scale, across)
+        } else {
+            Ticks::tight(self.horizontal.scale, across)
+        };
         let vertical = Ticks::around(self.vertical.scale, heights);
 
         let frame = Frame::new(&self.title, &self.note);
@@ -132,24 +137,38 @@ impl LineChart {
         Ok(frame.svg(height, &content))
     }
 
-    /// The figure as `NAME.svg`, and as `NAME.csv` its points, one a row, under these names of series, x and y.
+    /// The figure as `NAME.svg`, and as `NAME.csv` its points, one a row, under these names of series, x and y; where there are
+    /// intervals, their ends follow as `lower` and `upper`.
     ///
     /// # Errors
     /// As [`LineChart::to_svg`].
-    pub fn files(&self, name: &str, [series, x, y]: [&str; 3]) -> Result<[NamedText; 2]> {
+    pub fn files(&self, name: &str, names: [&str; 3]) -> Result<[NamedText; 2]> {
+        Ok([
+            (format!("{name}.svg"), self.to_svg()?),
+            (format!("{name}.csv"), self.to_csv(names)?),
+        ])
+    }
+
+    /// Its points as CSV, as [`LineChart::files`] says.
+    ///
+    /// # Errors
+    /// If two columns have the same name.
+    pub fn to_csv(&self, [series, x, y]: [&str; 3]) -> Result<String> {
         let points = || {
             let series = self.series.iter();
             series.flat_map(|series| series.points.iter().map(|point| (&series.name, point)))
         };
-        let table = Table::new(vec![
+        let mut columns = vec![
             Column::text(series, points().map(|(series, _)| series.clone())),
             Column::number(x, points().map(|(_, point)| point.x)),
             Column::number(y, points().map(|(_, point)| point.y)),
-        ])?;
-        Ok([
-            (format!("{name}.svg"), self.to_svg()?),
-            (format!("{name}.csv"), table.to_csv()),
-        ])
+        ];
+        if points().any(|(_, point)| point.band.is_some()) {
+            let lower = points().map(|(_, point)| point.band.map(|(lower, _)| lower));
+            let upper = points().map(|(_, point)| point.band.map(|(_, upper)| upper));
+            columns.extend([Column::number("lower", lower), Column::number("upper", upper)]);
+        }
+        Ok(Table::new(columns)?.to_csv())
     }
 
     fn legend(&self) -> Vec<Entry> {
