@@ -12,7 +12,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 
-/// For a network to load (chosen: a large city's takes a minute; a program that ends is noticed at once).
+/// For a network to be built or to load (chosen: a large city's takes a minute; a program that ends is noticed at once).
 const START_LIMIT: Duration = Duration::from_secs(300);
 
 /// How many ports are tried (chosen).
@@ -68,16 +68,7 @@ impl Programs {
     /// # Errors
     /// [`Error::Input`] with what it says.
     pub fn convert(&self, arguments: &[OsString]) -> Result<()> {
-        let mut netconvert = Command::new(self.folder.join("netconvert"));
-        let output = netconvert.args(arguments).stdin(Stdio::null()).output();
-        let output =
-            output.map_err(|error| Error::input("netconvert", error, "SUMO's program of this name"))?;
-        if output.status.success() {
-            return Ok(());
-        }
-        let said = last_words(&String::from_utf8_lossy(&output.stderr));
-        let found = format!("{}; it wrote: {said}", output.status);
-        Err(Error::input("netconvert", found, "a network that SUMO can build"))
+        Process::spawn(&self.folder.join("netconvert"), arguments)?.finish("netconvert", START_LIMIT)
     }
 
     /// Starts a simulation and takes its version. A port that somebody else takes is replaced by another; `first_port` is
@@ -103,7 +94,9 @@ impl Programs {
     }
 
     fn start_on(&self, arguments: &[OsString], port: u16) -> std::result::Result<(Client, Version), Failure> {
-        let mut process = Process::spawn(&self.folder.join("sumo"), arguments, port)?;
+        let mut arguments = arguments.to_vec();
+        arguments.extend(["--remote-port".into(), port.to_string().into()]);
+        let mut process = Process::spawn(&self.folder.join("sumo"), &arguments)?;
         let deadline = Instant::now() + START_LIMIT;
         let stream = loop {
             if process.has_ended() {
@@ -112,7 +105,8 @@ impl Programs {
             match TcpStream::connect((Ipv4Addr::LOCALHOST, port)) {
                 Ok(stream) => break stream,
                 Err(error) if Instant::now() > deadline => {
-                    return Err(Error::input("sumo", error, "a program that listens").into());
+                    let expected = format!("a program that listens within {} s", START_LIMIT.as_secs());
+                    return Err(Error::input("sumo", error, expected).into());
                 }
                 Err(_) => std::thread::sleep(Duration::from_millis(5)),
             }
@@ -194,7 +188,7 @@ pub struct Process {
 }
 
 impl Process {
-    fn spawn(program: &Path, arguments: &[OsString], port: u16) -> Result<Self> {
+    fn spawn(program: &Path, arguments: &[OsString]) -> Result<Self> {
         let in_file = |source| Error::file(&std::env::temp_dir(), source);
         let file = NamedTempFile::new().map_err(in_file)?;
         // A position of its own: what is read here does not move where the program writes.
@@ -202,11 +196,12 @@ impl Process {
         let output = file.into_file();
         let errors = output.try_clone().map_err(in_file)?;
         let mut command = Command::new(program);
-        command.args(arguments).args(["--remote-port", &port.to_string()]);
+        command.args(arguments);
         command.stdin(Stdio::null()).stdout(output).stderr(errors);
         end_with_parent(&mut command);
         let child = command.spawn();
-        let child = child.map_err(|error| Error::input(program.display(), error, "SUMO's program `sumo`"))?;
+        let child =
+            child.map_err(|error| Error::input(program.display(), error, "SUMO's program of this name"))?;
         Ok(Self { child, log })
     }
 
@@ -226,6 +221,23 @@ impl Process {
         while !self.has_ended() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// Waits until it has done its work, so long at most.
+    fn finish(mut self, name: &str, limit: Duration) -> Result<()> {
+        self.wait(limit);
+        let (found, expected) = match self.child.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => (
+                format!("{status}; it wrote: {}", last_words(&self.log())),
+                "a network that SUMO can build".to_owned(),
+            ),
+            _ => (
+                "no end".to_owned(),
+                format!("one within {} s", limit.as_secs_f64()),
+            ),
+        };
+        Err(Error::input(name, found, expected))
     }
 
     fn log(&self) -> String {
@@ -268,5 +280,28 @@ impl Drop for Process {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    fn finish(script: &str, seconds: f64) -> Result<()> {
+        let process = Process::spawn(Path::new("/bin/sh"), &["-c".into(), script.into()])?;
+        process.finish("netconvert", Duration::from_secs_f64(seconds))
+    }
+
+    #[test]
+    fn a_program_that_does_not_end_is_ended_and_one_that_fails_says_why() {
+        let begun = Instant::now();
+        let said = finish("kill -STOP $$", 0.2).unwrap_err().to_string();
+        assert_eq!(said, "netconvert: found no end, expected one within 0.2 s");
+        assert!(begun.elapsed() < Duration::from_secs(20));
+        let said = finish("echo 'Error: no lanes'; exit 3", 60.0)
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("it wrote: Error: no lanes,"), "{said}");
+        finish("exit 0", 60.0).unwrap();
     }
 }
