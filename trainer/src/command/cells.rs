@@ -158,8 +158,14 @@ pub fn table(cells: &[InCell]) -> Result<Table> {
         .shown("+-95 %", "ms", 4),
     ])?
     .titled("Age of information in each cell of the mixture");
-    if let Some(cell) = cells.first() {
-        table.note(&format!("{}.", cell.experiment.description()));
+    for (index, cell) in cells.iter().enumerate() {
+        let description = cell.experiment.description();
+        let same = |other: &InCell| other.experiment.description() == description;
+        match cells.iter().position(same) {
+            _ if !cells.iter().all(same) => table.note(&format!("{}: {description}.", cell.name)),
+            Some(first) if first == index => table.note(&format!("{description}.")),
+            _ => {}
+        }
     }
     table.note(
         "Actor: the run's table, int8 as deployed. Shipped: the table that is built into the firmware.",
