@@ -87,6 +87,11 @@ impl VehicleClass {
                 crate::link::check_not_negative(&place(&format!("toll of link {number}")), toll)?;
             }
         }
+        let dearest: f64 = self.surcharges(network).iter().sum();
+        if !(dearest * self.demand.total() * self.passenger_car_equivalent).is_finite() {
+            let expected = "tolls of a usual size";
+            return Err(Error::input(place("tolls"), "costs that overflow", expected));
+        }
         if let Some(link) = self.banned_links.iter().find(|&&link| link as usize >= links) {
             let expected = format!("a link below {links}");
             return Err(Error::input(place("banned links"), link, expected));

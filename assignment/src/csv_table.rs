@@ -51,6 +51,12 @@ impl CsvTable {
             .iter()
             .map(str::to_owned)
             .collect();
+        if let [only] = &columns[..]
+            && only.contains([';', '\t'])
+        {
+            let expected = "columns with commas between them";
+            return Err(Error::input(format!("{name}:1"), format!("`{only}`"), expected));
+        }
         let mut seen = HashSet::new();
         for column in &columns {
             if !seen.insert(column) {

@@ -193,7 +193,7 @@ impl Import {
     /// # Errors
     /// As [`ImportedDemand::settle`].
     pub fn settle(&mut self, unreachable: Unreachable) -> Result<()> {
-        self.trips.settle(unreachable, &mut self.report)
+        self.trips.settle("trips", unreachable, &mut self.report)
     }
 }
 

@@ -8,7 +8,8 @@ use crate::formats::RoadData;
 use crate::network::Network;
 use std::fmt::Write as _;
 
-/// A feature for each road: how it runs, its name, its nodes, volume, cost, capacity, volume over capacity, length and
+/// A feature for each road: how it runs, its name, its nodes, volume, preload, cost, capacity, what it carries over
+/// capacity, length and
 /// free-flow time, in the network's units.
 pub fn format_roads(
     network: &Network,
@@ -16,6 +17,7 @@ pub fn format_roads(
     places: &NodePlaces,
     (flows, costs): (&[f64], &[f64]),
 ) -> String {
+    let ratios = network.volume_over_capacity(flows);
     let mut text = String::from("{\"type\":\"FeatureCollection\",\"features\":[");
     for (index, road) in network.roads().iter().enumerate() {
         let separator = if index > 0 { "," } else { "" };
@@ -26,17 +28,14 @@ pub fn format_roads(
         let _ = write!(
             text,
             "{separator}\n{{\"type\":\"Feature\",\"properties\":{{\"link\":{},\"init_node\":{from},\"term_node\":{to},\
-             \"volume\":{},\"cost\":{},\"capacity\":{},\"v_over_c\":{},\"length\":{},\"free_flow_time\":{}}},\
+             \"volume\":{},\"preload\":{},\"cost\":{},\"capacity\":{},\"v_over_c\":{},\"length\":{},\"free_flow_time\":{}}},\
              \"geometry\":{{\"type\":\"LineString\",\"coordinates\":[",
             escaped(&name),
             flows[index],
+            network.preload(index),
             costs[index],
             road.capacity,
-            if road.capacity > 0.0 {
-                flows[index] / road.capacity
-            } else {
-                0.0
-            },
+            ratios[index],
             road.length,
             road.free_flow_time,
         );

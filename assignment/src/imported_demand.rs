@@ -132,6 +132,21 @@ impl ImportedDemand {
         }
     }
 
+    /// So many times these trips.
+    ///
+    /// # Errors
+    /// As [`Demand::scaled`].
+    pub fn scale(&mut self, factor: f64) -> Result<()> {
+        if factor == 1.0 {
+            return Ok(());
+        }
+        self.demand = self.demand.scaled(factor)?;
+        for lost in &mut self.lost {
+            lost.volume *= factor;
+        }
+        Ok(())
+    }
+
     /// A demand all of whose trips have a path.
     pub fn built(demand: Demand) -> Self {
         Self {
@@ -145,13 +160,13 @@ impl ImportedDemand {
     ///
     /// # Errors
     /// [`Error::Input`] that names them.
-    pub fn settle(&mut self, unreachable: Unreachable, report: &mut ImportReport) -> Result<()> {
+    pub fn settle(&mut self, place: &str, unreachable: Unreachable, report: &mut ImportReport) -> Result<()> {
         if self.lost.is_empty() {
             return Ok(());
         }
         let volume: f64 = self.lost.iter().map(|lost| lost.volume).sum();
         if unreachable == Unreachable::Fail {
-            return Err(self.refusal(volume));
+            return Err(self.refusal(place, volume));
         }
         let pairs: HashSet<(u32, u32)> = self
             .unreachable
@@ -160,11 +175,11 @@ impl ImportedDemand {
             .collect();
         self.demand = self.demand.without(&pairs)?;
         let text = format!("pairs with {volume} vehicles are left out: they have no path or no zone");
-        report.count(NoteKind::Warning, "trips", text, self.lost.len());
+        report.count(NoteKind::Warning, place, text, self.lost.len());
         Ok(())
     }
 
-    fn refusal(&self, volume: f64) -> Error {
+    fn refusal(&self, place: &str, volume: f64) -> Error {
         if let Some(lost) = self.lost.iter().find(|lost| lost.why == NO_ZONE) {
             let expected = "a zone of the network; --unreachable drop leaves such rows out";
             return Error::input(&lost.origin, format!("`{}`", lost.destination), expected);
@@ -184,23 +199,29 @@ impl ImportedDemand {
         );
         let expected =
             "a path for every trip; --unreachable drop leaves them out, --unreachable-pairs lists all";
-        Error::input("trips", found, expected)
+        Error::input(place, found, expected)
     }
 }
 
 /// First line of a file of trips that cannot be made.
 pub const LOST_HEADER: &str = "origin,destination,volume,reason";
 
-/// Trips that cannot be made, as CSV.
-pub fn format_lost<'l>(lost: impl IntoIterator<Item = &'l LostTrips>) -> String {
-    let mut text = format!("{LOST_HEADER}\n");
-    for LostTrips {
-        origin,
-        destination,
-        volume,
-        why,
-    } in lost
-    {
+/// Trips that cannot be made, with the names of their classes, as CSV. It has a column for these where one is not empty.
+pub fn format_lost<'l>(lost: impl Iterator<Item = (&'l str, &'l LostTrips)>) -> String {
+    let mut lost = lost.peekable();
+    let with_classes = lost.peek().is_some_and(|(class, _)| !class.is_empty());
+    let mut text = format!("{}{LOST_HEADER}\n", if with_classes { "class," } else { "" });
+    for (class, trips) in lost {
+        let LostTrips {
+            origin,
+            destination,
+            volume,
+            why,
+        } = trips;
+        if with_classes {
+            text.push_str(class);
+            text.push(',');
+        }
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{origin},{destination},{volume},{why}");
     }

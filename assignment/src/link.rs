@@ -60,7 +60,7 @@ impl DelayFunction {
             Self::Conical { alpha } => Err(Error::input(
                 format!("{place}: alpha of the conical function"),
                 alpha,
-                "a finite number, more than 1",
+                "a finite number, more than 1, such as conical=4",
             )),
             Self::Akcelik {
                 delay_parameter,

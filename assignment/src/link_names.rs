@@ -53,6 +53,22 @@ impl LinkNames {
         })
     }
 
+    /// The only link from one node to another.
+    ///
+    /// # Errors
+    /// [`Error::Input`] at `place` if there is none, several, or a row named it before.
+    pub(crate) fn take_only(&mut self, place: &str, nodes: (&str, &str)) -> Result<u32> {
+        let key = (id(nodes.0).to_owned(), id(nodes.1).to_owned());
+        let (found, expected) = match self.by_nodes.get(&key).map(Vec::len) {
+            Some(1) => return self.take_between(place, nodes),
+            Some(0) => ("again", "each road once"),
+            Some(_) => ("one of several", "their link_id instead, which tells them apart"),
+            None => ("no road of the network", "two nodes that a road joins"),
+        };
+        let found = format!("{} to {}, {found}", key.0, key.1);
+        Err(Error::input(place, found, expected))
+    }
+
     /// The links of a name, the next one last; none if no link has it.
     pub(crate) fn named(&mut self, name: &str) -> Option<&mut Vec<u32>> {
         self.by_name.get_mut(name)

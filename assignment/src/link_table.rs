@@ -129,13 +129,17 @@ impl LinkTable {
         for row in table.rows() {
             let link = match (nodes, own_name) {
                 (Some((from, to)), _) => {
-                    links.take_between(&row.place(), (row.id(Some(from)), row.id(Some(to))))?
+                    links.take_only(&row.place(), (row.id(Some(from)), row.id(Some(to))))?
                 }
                 (None, name) => {
                     let left = links.named(row.id(name)).and_then(Vec::pop);
                     left.ok_or_else(|| row.refuse(name.unwrap_or(0), "a link of the network, once"))?
                 }
             };
+            if link as usize >= network.roads().len() {
+                let found = format!("link {}, a turn or a connector", link + 1);
+                return Err(Error::input(row.place(), found, "a road"));
+            }
             for &(index, column) in &columns {
                 read.put(row, (index, column), link, network)?;
             }

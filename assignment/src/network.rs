@@ -162,6 +162,25 @@ impl Network {
         self.preloads.get(link).copied().unwrap_or(0.0)
     }
 
+    /// Whether any link has vehicles that use it whatever happens.
+    pub fn has_preloads(&self) -> bool {
+        self.preloads.iter().any(|preload| *preload > 0.0)
+    }
+
+    /// What each road carries, [preload](Self::with_preloads) included, over its capacity; 0 on one that has none, which never
+    /// fills.
+    pub fn volume_over_capacity(&self, link_flows: &[f64]) -> Vec<f64> {
+        let roads = self.roads().iter().zip(link_flows).enumerate();
+        let ratio = |(index, (road, flow)): (usize, (&Link, &f64))| {
+            if road.capacity > 0.0 {
+                (self.preload(index) + flow) / road.capacity
+            } else {
+                0.0
+            }
+        };
+        roads.map(ratio).collect()
+    }
+
     /// Flows of the roads without any demand.
     pub(crate) fn fill_with_preloads(&self, link_flows: &mut [f64]) {
         if self.preloads.is_empty() {

@@ -72,7 +72,11 @@ pub(crate) fn read(
         (None, [only]) => only,
         (None, _) => {
             let found = format!("{} matrices", matrices.len());
-            return Err(Error::input(&place, found, format!("--matrix, {}", named())));
+            return Err(Error::input(
+                &place,
+                found,
+                format!("a matrix by --matrix, or `matrix` of a class, {}", named()),
+            ));
         }
     };
     let place = format!("{place}: /data/{name}");

@@ -86,6 +86,16 @@ fn a_table_has_the_last_word() {
     let conical = DelayFunction::Conical { alpha: 6.0 };
     assert_eq!(roads.delay_function(index(10, 16)), conical);
     assert_eq!(roads.delay_function(index(1, 2)), DelayFunction::Bpr);
+    // Preloads fill a road as others do, and one without capacity never fills.
+    let mut links = roads.links().to_vec();
+    links[5].capacity = 0.0;
+    links[5].b = 0.0;
+    let fuller = Network::new(roads.numbering(), links, roads.weights()).unwrap();
+    let fuller = read.apply(fuller, Delay::Bpr, 60.0).unwrap();
+    let ratios = fuller.volume_over_capacity(&[100.0; 76]);
+    let first = index(1, 2);
+    assert_eq!(ratios[first], 600.0 / roads.links()[first].capacity);
+    assert_eq!(ratios[5], 0.0);
     let [car, lorry] = read.rules() else {
         panic!("{:?}", read.rules());
     };
@@ -104,10 +114,13 @@ fn a_table_that_says_nonsense_is_refused_by_line_and_column() {
     let (network, _) = sioux_falls();
     for (text, message) in [
         ("from,to,preload\n1,2,-1\n", "links.csv:2: preload: found `-1`"),
-        ("from,to,preload\n1,9,5\n", "links.csv:2: found link 1 to 9"),
+        (
+            "from,to,preload\n1,9,5\n",
+            "links.csv:2: found 1 to 9, no road of the network",
+        ),
         (
             "from,to,preload\n1,2,5\n1,2,5\n",
-            "links.csv:3: found link 1 to 2",
+            "links.csv:3: found 1 to 2, again",
         ),
         ("from,to,delay\n1,2,conic\n", "links.csv:2: delay: found `conic`"),
         (
@@ -127,6 +140,22 @@ fn a_table_that_says_nonsense_is_refused_by_line_and_column() {
         let failure = table(text, &network).unwrap_err().to_string();
         assert!(failure.starts_with(message), "{failure}");
     }
+    // Of two roads between the same nodes, nodes alone name none.
+    let mut links = network.links().to_vec();
+    links[75] = links[0].clone();
+    let parallel = Network::new(network.numbering(), links, CostWeights::default()).unwrap();
+    let failure = table("from,to,preload\n1,2,5\n", &parallel)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        failure.starts_with("links.csv:2: found 1 to 2, one of several"),
+        "{failure}"
+    );
+    let by_name = table("link_id,preload\n76,5\n", &parallel).unwrap();
+    assert_eq!(
+        by_name.apply(parallel, Delay::Bpr, 60.0).unwrap().preload(75),
+        5.0
+    );
     let flat = table("from,to,delay\n1,2,conical=1\n", &network).unwrap();
     let failure = flat.apply(network, Delay::Bpr, 60.0).unwrap_err().to_string();
     assert!(

@@ -226,7 +226,7 @@ fn units_that_contradict_coordinates_are_refused() {
 fn trips_without_a_path_are_named_or_left_out() {
     let mut read = read("unreachable_net.tntp", "unreachable_trips.tntp");
     assert_eq!(
-        format_lost(&read.trips.lost),
+        format_lost(read.trips.lost.iter().map(|lost| ("", lost))),
         "origin,destination,volume,reason\n1,3,1,no path\n"
     );
     assert_eq!(
@@ -525,7 +525,8 @@ fn demand_and_skims_go_through_open_matrix() {
     assert_eq!(trips, [(1, 2, 1.5), (1, 3, 2.0), (2, 1, 5.0)]);
     assert!(says(&read, NoteKind::Default, "0 where the matrix has no number"));
     assert!(
-        message(import_matrix(None)).ends_with("found 2 matrices, expected --matrix, one of: day, night")
+        message(import_matrix(None))
+            .ends_with("expected a matrix by --matrix, or `matrix` of a class, one of: day, night")
     );
     assert!(
         message(import_matrix(Some("noon"))).ends_with("matrix: found `noon`, expected one of: day, night")

@@ -27,6 +27,9 @@ const FULLEST: f64 = 10.0;
 /// Seconds of an hour.
 const HOUR: f64 = 3600.0;
 
+/// Longest period of a delay function, in hours (chosen: a week).
+const MOST_HOURS: f64 = 168.0;
+
 /// What reports call it.
 const VOLUME_OVER_CAPACITY: &str = "flow over capacity";
 
@@ -43,8 +46,8 @@ pub struct AssignSource {
     pub links: Option<PathBuf>,
     /// Delay function of the roads that congest, unless the table says another.
     pub delay: Delay,
-    /// Hours in which demand and capacity count vehicles, for Akcelik's function.
-    pub period_hours: f64,
+    /// Hours in which demand and capacity count vehicles, for Akcelik's function; one, if it is not said.
+    pub period_hours: Option<f64>,
     /// Factor on all trips.
     pub demand_factor: f64,
     /// What toll and distance cost.
@@ -75,7 +78,7 @@ impl Default for AssignSource {
             classes: None,
             links: None,
             delay: Delay::default(),
-            period_hours: 1.0,
+            period_hours: None,
             demand_factor: 1.0,
             weights: CostWeights::default(),
             import: ImportOptions::default(),
@@ -107,12 +110,14 @@ impl AssignSource {
         check_not_negative("demand_factor", self.demand_factor)?;
         check_not_negative("toll_weight", self.weights.toll)?;
         check_not_negative("distance_weight", self.weights.distance)?;
-        if !(self.period_hours.is_finite() && self.period_hours > 0.0) {
-            return Err(Error::input(
-                "period",
-                self.period_hours,
-                "a positive number of hours",
-            ));
+        let hours = self.period_hours.unwrap_or(1.0);
+        if !(hours > 0.0 && hours <= MOST_HOURS) {
+            let expected = format!("more than 0 and at most {MOST_HOURS} hours");
+            return Err(Error::input("delay_period", hours, expected));
+        }
+        if self.period_hours.is_some() && self.links.is_none() && !matches!(self.delay, Delay::Akcelik(_)) {
+            let expected = "none: it is a part of Akcelik's delay";
+            return Err(Error::input("delay_period", hours, expected));
         }
         let options = ImportOptions {
             weights: self.weights,
@@ -137,14 +142,25 @@ impl AssignSource {
             }
             None => LinkTable::default(),
         };
-        let period = self.period_hours * HOUR / input.roads.seconds;
+        let period = hours * HOUR / input.roads.seconds;
         input.network = table.apply(input.network, self.delay, period)?;
+        if let Delay::Akcelik(_) = self.delay {
+            let text = format!("a period of {hours} h is {period} units of travel time");
+            input.report.say(NoteKind::Unit, "delay", text);
+        }
         for (index, class) in input.classes.iter().enumerate() {
             let rules = table.rules().get(index).cloned().unwrap_or_default();
+            let weight = class.toll_weight(&input.roads);
+            let text = format!("a unit of toll costs {weight} units of travel time");
+            let place = format!("class {}", class.name);
+            input.report.say(NoteKind::Unit, place, text);
             input
                 .demands
                 .push(class.demand(&input.network, &rules, &mut input.report)?);
             input.rules.push(rules);
+        }
+        for demand in &mut input.demands {
+            demand.scale(self.demand_factor)?;
         }
         Ok(input)
     }
@@ -195,18 +211,22 @@ impl AssignSource {
             mut demands,
             rules,
         } = input;
-        for demand in &mut demands {
-            demand.settle(self.unreachable, &mut report)?;
+        for (index, demand) in demands.iter_mut().enumerate() {
+            let place = match classes.get(index) {
+                Some(class) => format!("trips of class {}", class.name),
+                None => "trips".to_owned(),
+            };
+            demand.settle(&place, self.unreachable, &mut report)?;
         }
         if self.strict {
             report.refuse_warnings()?;
         }
         let described = classes.iter().zip(&demands).zip(&rules);
         let classes: Vec<VehicleClass> = described
-            .map(|((class, demand), rules)| class.class(demand, rules, &roads, self.demand_factor))
-            .collect::<Result<_>>()?;
+            .map(|((class, demand), rules)| class.class(demand, rules, &roads))
+            .collect();
         let demand = match demands.first() {
-            Some(read) if classes.is_empty() => read.demand.scaled(self.demand_factor)?,
+            Some(read) if classes.is_empty() => read.demand.clone(),
             _ => {
                 let in_cars = classes
                     .iter()
@@ -269,9 +289,13 @@ pub struct AssignInput {
 }
 
 impl AssignInput {
-    /// Trips without a path or without a zone.
-    pub fn lost(&self) -> impl Iterator<Item = &LostTrips> {
-        self.demands.iter().flat_map(|read| &read.lost)
+    /// Trips without a path or without a zone, with the names of their classes, which are empty where all vehicles are alike.
+    pub fn lost(&self) -> impl Iterator<Item = (&str, &LostTrips)> {
+        let demands = self.demands.iter().enumerate();
+        demands.flat_map(|(index, read)| {
+            let class = self.classes.get(index).map_or("", |class| class.name.as_str());
+            read.lost.iter().map(move |lost| (class, lost))
+        })
     }
 }
 
@@ -381,7 +405,7 @@ impl Assignment {
             "total_demand": class.demand.total(),
             "intrazonal_demand": class.demand.intrazonal(),
             "paths": flows.path_flows.len(),
-            "total_travel_time": totals.time,
+            "total_time": totals.time,
             "total_toll": totals.toll,
             "total_distance": totals.distance,
             "total_cost": totals.cost,
@@ -403,6 +427,29 @@ impl Assignment {
         totals
     }
 
+    /// Travel time of all vehicles in passenger cars, without what tolls and distance cost them.
+    pub fn total_time(&self, solution: &Solution) -> f64 {
+        let weights = if self.classes.is_empty() {
+            self.network.weights()
+        } else {
+            CostWeights::default()
+        };
+        let links = self.network.links().iter().zip(&solution.link_flows);
+        let times = links.zip(&solution.link_costs).map(|((link, flow), cost)| {
+            flow * (cost - weights.toll * link.toll - weights.distance * link.length)
+        });
+        times.sum()
+    }
+
+    /// What the demand counts.
+    pub fn unit_of_demand(&self) -> &'static str {
+        if self.classes.is_empty() {
+            "vehicles"
+        } else {
+            "passenger cars"
+        }
+    }
+
     fn total_json(&self, solution: &Solution, classes: &[ClassFlows]) -> Value {
         let Self {
             network,
@@ -418,6 +465,7 @@ impl Assignment {
             "gap_asked_for": options.gap,
             "objective": solution.objective,
             "total_travel_time": solution.total_travel_time,
+            "total_time": self.total_time(solution),
             "mean_v_over_c": state.mean_volume_over_capacity,
             "max_v_over_c": state.max_volume_over_capacity,
             "iterations": solution.iterations,

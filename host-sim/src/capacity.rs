@@ -91,15 +91,12 @@ impl TrafficState {
     /// What `link_flows` are like on `network`, whose capacities are the true ones.
     pub fn of(network: &Network, demand: &Demand, link_flows: &[f64]) -> Self {
         let link_costs = network.link_costs(link_flows);
-        let ratios = || {
-            let roads = network.roads().iter().zip(link_flows).enumerate();
-            roads.map(|(index, (link, flow))| (network.preload(index) + flow) / link.capacity)
-        };
+        let ratios = network.volume_over_capacity(link_flows);
         let roads = network.roads().len();
         let total: f64 = link_flows.iter().zip(&link_costs).map(|(x, c)| x * c).sum();
         Self {
-            mean_volume_over_capacity: quotient(ratios().sum(), roads as f64),
-            max_volume_over_capacity: ratios().fold(0.0, f64::max),
+            mean_volume_over_capacity: quotient(ratios.iter().sum(), roads as f64),
+            max_volume_over_capacity: ratios.into_iter().fold(0.0, f64::max),
             mean_link_time: quotient(link_costs[..roads].iter().sum(), roads as f64),
             mean_trip_time: quotient(total, demand.total()),
         }

@@ -411,7 +411,7 @@ fn classes_command(more: &[&str]) -> kit::error::Result<ExitCode> {
         &net,
         "--classes",
         &classes,
-        "--links",
+        "--link-table",
         &links,
     ];
     let line = problem.iter().chain(more);
@@ -442,18 +442,18 @@ fn classes_have_rows_and_columns_of_their_own() {
     let mut rows = text.lines();
     assert_eq!(
         rows.next().unwrap(),
-        "init_node,term_node,volume,cost,volume_car,cost_car,volume_lorry,cost_lorry"
+        "init_node,term_node,volume,cost,preload,volume_car,cost_car,volume_lorry,cost_lorry"
     );
     for row in rows {
-        let fields: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
-        let [_, _, volume, _, cars, _, lorries, _] = fields[..] else {
-            panic!("{row}");
-        };
+        let fields: Vec<&str> = row.split(',').collect();
+        let number = |column: usize| fields[column].parse::<f64>().unwrap();
+        let (volume, cars, lorries) = (number(2), number(5), number(7));
         assert!(
             (volume - cars - 2.5 * lorries).abs() < 1e-9 * volume.max(1.0),
             "{row}"
         );
-        // Where lorries may not drive none does.
+        // Where lorries may not drive none does, at no cost.
+        assert_eq!(row.starts_with("3,1,"), fields[8].is_empty(), "{row}");
         assert!(!row.starts_with("3,1,") || lorries == 0.0, "{row}");
     }
     for (text, header) in [
@@ -486,7 +486,7 @@ fn classes_have_rows_and_columns_of_their_own() {
         let volumes = rows
             .lines()
             .skip(1)
-            .map(|row| row.split(',').nth(6).unwrap().parse().unwrap());
+            .map(|row| row.split(',').nth(7).unwrap().parse().unwrap());
         volumes.collect()
     };
     for (before, after) in volumes(&flows).into_iter().zip(volumes(&again)) {
@@ -537,13 +537,28 @@ fn classes_that_make_no_sense_are_named() {
         ),
         (
             format!("[[class]]\nname = \"car\"\n{trips}\n"),
-            &["--links", links],
-            "trips: found 8800 vehicles without a path, by pairs 23: 1 to 2, 1 to 3",
+            &["--link-table", links],
+            "trips of class car: found 8800 vehicles without a path, by pairs 23: 1 to 2, 1 to 3",
         ),
         (
             format!("[[class]]\nname = \"car\"\n{trips}\n"),
             &["--toll-weight", "1"],
             "toll and distance weights: found some, expected none with classes",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n"),
+            &["--gmns", "out"],
+            "--gmns: found --classes beside it, expected one of the two",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\n"),
+            &["--delay-period", "2"],
+            "delay_period: found 2, expected none: it is a part of Akcelik's delay",
+        ),
+        (
+            format!("[[class]]\nname = \"car\"\n{trips}\npassenger_car_equivalent = 0\n"),
+            &[],
+            "classes.toml: class car: passenger_car_equivalent: found 0",
         ),
         (
             format!("[[class]]\nname = \"car\"\n{trips}\n"),

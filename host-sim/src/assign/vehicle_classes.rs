@@ -25,6 +25,9 @@ use kit::layers::parse_as;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+/// Largest number of a class (chosen: what is beyond is a typing error).
+const MOST: f64 = 1e6;
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ClassFile {
@@ -86,14 +89,26 @@ pub fn read(path: &Path) -> Result<Vec<ClassDescription>> {
             let expected = "one of the two: they say the same";
             return Err(Error::input(place, "value_of_time and toll_weight", expected));
         }
-        if let Some(value) = class.value_of_time
-            && !(value.is_finite() && value > 0.0)
-        {
-            return Err(Error::input(
-                format!("{place}: value_of_time"),
-                value,
-                "a positive number",
-            ));
+        for (key, value) in [
+            ("value_of_time", class.value_of_time),
+            ("passenger_car_equivalent", Some(class.passenger_car_equivalent)),
+        ] {
+            if let Some(value) = value
+                && !(value > 0.0 && value <= MOST)
+            {
+                let expected = format!("more than 0, at most {MOST}");
+                return Err(Error::input(format!("{place}: {key}"), value, expected));
+            }
+        }
+        for (key, value) in [
+            ("demand_factor", class.demand_factor),
+            ("toll_weight", class.toll_weight.unwrap_or(0.0)),
+            ("distance_weight", class.distance_weight),
+        ] {
+            if !(0.0..=MOST).contains(&value) {
+                let expected = format!("0 to {MOST}");
+                return Err(Error::input(format!("{place}: {key}"), value, expected));
+            }
         }
     }
     let folder = path.parent().unwrap_or_else(|| Path::new(""));
@@ -109,6 +124,15 @@ impl ClassDescription {
         &self.trips
     }
 
+    /// Units of time that a unit of toll costs it.
+    pub fn toll_weight(&self, roads: &RoadData) -> f64 {
+        match (self.toll_weight, self.value_of_time) {
+            (Some(weight), _) => weight,
+            (None, Some(value)) => HOUR / (roads.seconds * value),
+            (None, None) => 0.0,
+        }
+    }
+
     /// Its trips, those that cannot be made on the links that are open to it included.
     ///
     /// # Errors
@@ -120,35 +144,24 @@ impl ClassDescription {
         report: &mut ImportReport,
     ) -> Result<ImportedDemand> {
         let matrix = self.matrix.as_deref();
-        ImportedDemand::read(&self.trips, network, &rules.banned_links, matrix, report)
+        let read = ImportedDemand::read(&self.trips, network, &rules.banned_links, matrix, report);
+        let mut read = read.map_err(|error| error.within(format!("class {}", self.name)))?;
+        read.scale(self.demand_factor)?;
+        Ok(read)
     }
 
-    /// The class for the solver, `factor` times its trips.
-    ///
-    /// # Errors
-    /// A factor on its trips that is none.
-    pub fn class(
-        &self,
-        read: &ImportedDemand,
-        rules: &ClassRules,
-        roads: &RoadData,
-        factor: f64,
-    ) -> Result<VehicleClass> {
-        let toll = match (self.toll_weight, self.value_of_time) {
-            (Some(weight), _) => weight,
-            (None, Some(value)) => HOUR / (roads.seconds * value),
-            (None, None) => 0.0,
-        };
-        Ok(VehicleClass {
+    /// The class for the solver.
+    pub fn class(&self, read: &ImportedDemand, rules: &ClassRules, roads: &RoadData) -> VehicleClass {
+        VehicleClass {
             name: self.name.clone(),
-            demand: read.demand.scaled(factor * self.demand_factor)?,
+            demand: read.demand.clone(),
             passenger_car_equivalent: self.passenger_car_equivalent,
             weights: CostWeights {
-                toll,
+                toll: self.toll_weight(roads),
                 distance: self.distance_weight,
             },
             tolls: rules.tolls.clone(),
             banned_links: rules.banned_links.clone(),
-        })
+        }
     }
 }

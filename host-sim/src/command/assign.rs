@@ -54,18 +54,13 @@ pub struct AssignArguments {
     /// What else is true of roads: CSV with from_node_id,to_node_id or link_id, and any of preload (passenger cars that are there
     /// anyway), delay (as --delay), toll_CLASS and banned_CLASS (1 where a class may not drive)
     #[arg(long, value_name = "FILE.csv")]
-    pub links: Option<PathBuf>,
+    pub link_table: Option<PathBuf>,
     /// Delay function of the roads that congest: bpr, conical (its alpha each road's power), conical=ALPHA or akcelik=J
     #[arg(long, value_name = "FUNCTION", value_parser = delay, default_value = "bpr")]
     pub delay: Delay,
-    /// Hours in which demand and capacity count vehicles, for Akcelik's function
-    #[arg(
-        long,
-        value_name = "HOURS",
-        default_value_t = 1.0,
-        allow_negative_numbers = true
-    )]
-    pub delay_period: f64,
+    /// Hours in which demand and capacity count vehicles, for Akcelik's function [default: 1]
+    #[arg(long, value_name = "HOURS", allow_negative_numbers = true)]
+    pub delay_period: Option<f64>,
     /// Factor on all trips
     #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub demand_factor: f64,
@@ -158,7 +153,7 @@ impl AssignArguments {
             net: (self.net != GRID).then(|| PathBuf::from(&self.net)),
             trips: self.trips.clone(),
             classes: self.classes.clone(),
-            links: self.links.clone(),
+            links: self.link_table.clone(),
             delay: self.delay,
             period_hours: self.delay_period,
             demand_factor: self.demand_factor,
@@ -242,7 +237,10 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     } else {
         print_problem(assignment);
         print_solution(options.gap, solution, seconds, seconds_total);
-        print_classes(assignment, &solved)?;
+        if !assignment.classes.is_empty() {
+            say!("");
+            say!("{}", class_table(assignment, &solved)?.to_string().trim_end());
+        }
         for (word, path) in outputs::written(arguments) {
             say!("{word:<21}{}", path.display());
         }
@@ -340,24 +338,13 @@ fn evaluation_json(gap: f64, evaluation: &Evaluation) -> Value {
     })
 }
 
-fn print_problem(
-    Assignment {
-        network,
-        demand,
-        classes,
-        ..
-    }: &Assignment,
-) {
+fn print_problem(assignment: &Assignment) {
+    let Assignment { network, demand, .. } = assignment;
     let numbering = network.numbering();
     say!("nodes, zones         {}, {}", numbering.nodes, numbering.zones);
     say!("links                {}", network.links().len());
     say!("pairs with demand    {}", demand.pairs());
-    let what = if classes.is_empty() {
-        "vehicles"
-    } else {
-        "passenger cars"
-    };
-    say!("{what:<21}{}", demand.total());
+    say!("{:<21}{}", assignment.unit_of_demand(), demand.total());
     say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
@@ -398,18 +385,15 @@ fn print_solution(gap: f64, solution: &Solution, seconds: f64, seconds_total: f6
     say!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
 }
 
-/// What each class does, if there are classes.
-fn print_classes(assignment: &Assignment, solved: &ClassSolution) -> Result<()> {
+/// What each class does.
+fn class_table(assignment: &Assignment, solved: &ClassSolution) -> Result<Table> {
     let classes = || assignment.classes.iter().zip(&solved.classes);
-    if assignment.classes.is_empty() {
-        return Ok(());
-    }
     let total = |value: fn(&ClassTotals) -> f64| -> Vec<f64> {
         classes()
             .map(|(class, flows)| value(&assignment.totals(class, flows)))
             .collect()
     };
-    let table = Table::new(vec![
+    Table::new(vec![
         Column::text("name", classes().map(|(class, _)| class.name.clone())).shown("class", "", 0),
         Column::number("vehicles", classes().map(|(class, _)| class.demand.total())).shown("vehicles", "", 1),
         Column::number(
@@ -421,10 +405,7 @@ fn print_classes(assignment: &Assignment, solved: &ClassSolution) -> Result<()> 
         Column::number("toll", total(|totals| totals.toll)).shown("toll", "", 1),
         Column::number("distance", total(|totals| totals.distance)).shown("distance", "", 1),
         Column::number("cost", total(|totals| totals.cost)).shown("cost", "", 1),
-    ])?;
-    say!("");
-    say!("{}", table.to_string().trim_end());
-    Ok(())
+    ])
 }
 
 fn print_evaluation(network: &Network, evaluation: &Evaluation) {

@@ -1,5 +1,6 @@
 //! Link flows as files: CSV, or Parquet where the name ends in `.parquet`.
 
+use crate::assign::Assignment;
 use crate::report::table::{Column, Table};
 use assignment::check::{self, FlowRow};
 use assignment::link::check_not_negative;
@@ -18,13 +19,15 @@ fn is_parquet(path: &Path) -> bool {
 }
 
 /// The bytes of a flow file of the kind that its name asks for: one row per link in file order. Volumes are passenger cars where
-/// there are classes, whose vehicles and costs follow in columns of their own.
+/// there are classes, whose vehicles and costs follow in columns of their own; a class has no cost where it may not drive.
+/// Preloads have a column where there are any.
 ///
 /// # Errors
 /// If the table is larger than Parquet can hold.
-pub(super) fn encode(path: &Path, network: &Network, solved: &ClassSolution) -> Result<Vec<u8>> {
+pub(super) fn encode(path: &Path, assignment: &Assignment, solved: &ClassSolution) -> Result<Vec<u8>> {
+    let network = &assignment.network;
     let ClassSolution { total, classes } = solved;
-    if !is_parquet(path) && classes.is_empty() {
+    if !is_parquet(path) && classes.is_empty() && !network.has_preloads() {
         let text = check::format_flows(network, &total.link_flows, &total.link_costs);
         return Ok(text.into_bytes());
     }
@@ -36,13 +39,23 @@ pub(super) fn encode(path: &Path, network: &Network, solved: &ClassSolution) -> 
         Column::number(volume, total.link_flows.iter().copied()),
         Column::number(cost, total.link_costs.iter().copied()),
     ];
-    for class in classes {
+    if network.has_preloads() {
+        let preloads = (0..links.len()).map(|link| network.preload(link));
+        table.push(Column::number("preload", preloads));
+    }
+    for (described, class) in assignment.classes.iter().zip(classes) {
+        let mut open = vec![true; links.len()];
+        for &link in &described.banned_links {
+            open[link as usize] = false;
+        }
+        let costs = class.link_costs.iter().zip(open);
+        let costs = costs.map(|(cost, open)| open.then_some(*cost));
         let (volume, cost) = (
             format!("{volume}_{}", class.name),
             format!("{cost}_{}", class.name),
         );
         table.push(Column::number(&volume, class.link_flows.iter().copied()));
-        table.push(Column::number(&cost, class.link_costs.iter().copied()));
+        table.push(Column::number(&cost, costs));
     }
     let table = Table::new(table)?;
     if is_parquet(path) {

@@ -2,6 +2,7 @@
 
 use super::{AssignArguments, flow_files, page};
 use crate::assign::{Assignment, vehicle_classes};
+use assignment::link_table::Delay;
 use assignment::report::ImportReport;
 use assignment::{
     Algorithm, ClassSolution, Network, PathFlows, convergence, formats, geojson, gmns, path_flows,
@@ -48,6 +49,17 @@ fn outputs(arguments: &AssignArguments) -> [Output<'_>; 8] {
 
 /// Refuses combinations of options that ask for what does not exist, before anything is solved.
 pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
+    let beyond = [
+        ("--classes", arguments.classes.is_some()),
+        ("--link-table", arguments.link_table.is_some()),
+        ("--delay", arguments.delay != Delay::Bpr),
+    ];
+    if arguments.gmns.is_some()
+        && let Some((name, _)) = beyond.into_iter().find(|(_, given)| *given)
+    {
+        let expected = "one of the two: a GMNS folder has one class, no preloads and BPR";
+        return Err(Error::input("--gmns", format!("{name} beside it"), expected));
+    }
     let warm = ("--warm", &arguments.warm);
     let files = outputs(arguments).map(|output| (output.option, output.path));
     for (name, path) in files.into_iter().chain([warm]) {
@@ -59,7 +71,7 @@ pub(super) fn check_options(arguments: &AssignArguments) -> Result<()> {
     // Path flows may take the place of those that they started from; nothing may take that of a network or its demand.
     let mut inputs = vec![PathBuf::from(&arguments.net)];
     inputs.extend(arguments.trips.clone());
-    inputs.extend(arguments.links.clone());
+    inputs.extend(arguments.link_table.clone());
     if let Some(classes) = &arguments.classes {
         let described = vehicle_classes::read(classes)?;
         inputs.extend(described.iter().map(|class| class.trips().to_owned()));
@@ -208,7 +220,7 @@ pub(super) fn write(
     } = solved;
     let (flows, costs) = (&solution.link_flows, &solution.link_costs);
     if let Some(path) = &arguments.flows {
-        files.push((path, flow_files::encode(path, network, solved)?));
+        files.push((path, flow_files::encode(path, assignment, solved)?));
     }
     if let Some(path) = &arguments.paths {
         let text = if classes.is_empty() {
@@ -236,7 +248,7 @@ pub(super) fn write(
     if let Some(path) = &arguments.report {
         // A report without a map is one still.
         let places = arguments.places(network).ok();
-        let page = page::render(assignment, solution, report, places.as_ref())?;
+        let page = page::render(assignment, solved, report, places.as_ref())?;
         files.push((path, page.into_bytes()));
     }
     let gmns = arguments.gmns.as_deref().map(|folder| {

@@ -1,12 +1,13 @@
 //! The HTML report of an assignment.
 
+use super::class_table;
 use crate::assign::Assignment;
 use crate::report::chart::RoadMapChart;
 use crate::report::html::{Block, Page, Section};
 use crate::report::table::{Column, Table};
-use assignment::Solution;
 use assignment::coordinates::NodePlaces;
 use assignment::report::ImportReport;
+use assignment::{ClassSolution, Solution};
 use kit::error::Result;
 
 /// Rows of the table of the fullest roads (chosen).
@@ -18,11 +19,12 @@ const FULLEST_ROADS: usize = 20;
 /// A map that cannot be drawn.
 pub(super) fn render(
     assignment: &Assignment,
-    solution: &Solution,
+    solved: &ClassSolution,
     report: &ImportReport,
     places: Option<&NodePlaces>,
 ) -> Result<String> {
     let Assignment { network, demand, .. } = assignment;
+    let solution = &solved.total;
     let mut sections = Vec::new();
     if let Some(places) = places {
         let caption = "Flow over capacity of every road, the fullest on top; above 1 a road carries more than its capacity.";
@@ -30,6 +32,13 @@ pub(super) fn render(
             heading: "Map",
             text: "Where it is full.".to_owned(),
             blocks: vec![Block::figure(&map(assignment, solution, places)?, caption)],
+        });
+    }
+    if !assignment.classes.is_empty() {
+        sections.push(Section {
+            heading: "Classes",
+            text: "Vehicles of each class, and what all of them together spend.".to_owned(),
+            blocks: vec![Block::table(&class_table(assignment, solved)?)],
         });
     }
     sections.push(Section {
@@ -43,8 +52,9 @@ pub(super) fn render(
         blocks: vec![Block::table(&notes(report)?)],
     });
     let summary = format!(
-        "{} vehicles between {} pairs of zones on {} roads, to a relative gap of {:.1e}.",
+        "{} {} between {} pairs of zones on {} roads, to a relative gap of {:.1e}.",
         demand.total(),
+        assignment.unit_of_demand(),
         demand.pairs(),
         network.roads().len(),
         solution.relative_gap
@@ -71,15 +81,6 @@ pub(super) fn render(
     Ok(page.render())
 }
 
-/// Flow over capacity of every road; 0 on one that has none, which never fills.
-fn ratios(assignment: &Assignment, solution: &Solution) -> Vec<f64> {
-    let roads = assignment.network.roads().iter().zip(&solution.link_flows);
-    let ratios = roads.map(|(road, flow)| flow / road.capacity);
-    ratios
-        .map(|ratio| if ratio.is_finite() { ratio } else { 0.0 })
-        .collect()
-}
-
 fn map(assignment: &Assignment, solution: &Solution, places: &NodePlaces) -> Result<String> {
     let Assignment { network, roads, .. } = assignment;
     let on_earth = places
@@ -93,7 +94,8 @@ fn map(assignment: &Assignment, solution: &Solution, places: &NodePlaces) -> Res
     } else {
         1.0
     };
-    let lines = ratios(assignment, solution)
+    let lines = network
+        .volume_over_capacity(&solution.link_flows)
         .into_iter()
         .enumerate()
         .map(|(road, ratio)| {
@@ -111,7 +113,7 @@ fn map(assignment: &Assignment, solution: &Solution, places: &NodePlaces) -> Res
 
 fn fullest(assignment: &Assignment, solution: &Solution) -> Result<Table> {
     let Assignment { network, roads, .. } = assignment;
-    let ratios = ratios(assignment, solution);
+    let ratios = network.volume_over_capacity(&solution.link_flows);
     let mut order: Vec<usize> = (0..ratios.len()).collect();
     order.sort_by(|&a, &b| ratios[b].total_cmp(&ratios[a]));
     order.truncate(FULLEST_ROADS);

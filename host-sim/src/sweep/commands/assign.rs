@@ -23,7 +23,7 @@ pub static COMMAND: Command = Command {
         ("toll_weight", Kind::Number),
         ("distance_weight", Kind::Number),
         ("demand_factor", Kind::Number),
-        ("links", Kind::File(None)),
+        ("link_table", Kind::File(None)),
         ("delay", Kind::Text),
         ("delay_period", Kind::Number),
         ("turns", Kind::File(None)),
@@ -90,11 +90,11 @@ fn prepare(settings: &Settings<'_>) -> Result<Task> {
         objective: settings.choice("objective")?.unwrap_or(default.objective),
         gap: settings.number("gap"),
         max_iterations: most.map_or(default.max_iterations, |most| most as usize),
-        links: settings.file("links"),
+        links: settings.file("link_table"),
         delay: settings
             .name("delay")
             .map_or(Ok(default.delay), |name| name.parse())?,
-        period_hours: settings.number("delay_period").unwrap_or(default.period_hours),
+        period_hours: settings.number("delay_period"),
         unreachable: settings.choice("unreachable")?.unwrap_or(default.unreachable),
         import: ImportOptions {
             turns: settings.file("turns"),

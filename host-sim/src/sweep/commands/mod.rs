@@ -144,3 +144,23 @@ fn scenario_keys() -> Result<Vec<(String, Kind)>> {
     }
     Ok(keys)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{COMMANDS, Kind};
+
+    #[test]
+    fn no_result_has_the_name_of_a_setting() {
+        for command in COMMANDS {
+            let results = command.counts.iter().chain(command.numbers);
+            for result in results {
+                // A number that was set, such as `worlds`, is what comes out.
+                let taken = command
+                    .keys
+                    .iter()
+                    .any(|(key, kind)| *key == result.name && !matches!(kind, Kind::Integer | Kind::Number));
+                assert!(!taken, "{}: {}", command.name, result.name);
+            }
+        }
+    }
+}
