@@ -14,6 +14,13 @@ use serde_json::{Value, json};
 /// Relative gap of every equilibrium here (chosen: flows are then good to about 1e-6 veh/h on the paper's grid).
 const RELATIVE_GAP: f64 = 1e-10;
 
+/// The same on grids with more than [`MANY_PAIRS`] (chosen: times are then good to a part in a million, and a world of 8 x 8 blocks
+/// takes less than a second).
+const RELATIVE_GAP_OF_MANY: f64 = 1e-6;
+
+/// See [`RELATIVE_GAP_OF_MANY`] (chosen: up to 5 x 5 blocks have fewer).
+const MANY_PAIRS: usize = 2_000;
+
 /// The road network between the crossings of a scenario's grid.
 pub struct TrafficModel {
     grid: Grid,
@@ -58,15 +65,16 @@ impl TrafficModel {
     pub fn new(scenario: &Scenario) -> Result<Self> {
         let traffic = &scenario.traffic;
         let grid = road_grid(scenario);
+        let demand = grid.demand()?;
         Ok(Self {
             network: grid.network()?,
-            demand: grid.demand()?,
+            options: planning_options(&demand),
+            demand,
             grid,
             error: CapacityError {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::TIME_CONSTRAINT.slots()),
             },
-            options: planning_options(),
         })
     }
 
@@ -182,9 +190,13 @@ pub fn road_grid(scenario: &Scenario) -> Grid {
 }
 
 /// How plans are found: on one thread, because worlds already keep all cores busy.
-pub fn planning_options() -> Options {
+fn planning_options(demand: &Demand) -> Options {
     Options {
-        gap: RELATIVE_GAP,
+        gap: if demand.pairs() > MANY_PAIRS {
+            RELATIVE_GAP_OF_MANY
+        } else {
+            RELATIVE_GAP
+        },
         threads: 1,
         ..Options::default()
     }
