@@ -71,7 +71,7 @@ fn description(table: &Table<'_>) -> String {
          outputs             {outputs:?}\n\
          trained for         up to {vehicles} vehicles on up to {sub_channels} sub-channels\n\
          training seed       {seed}\n\
-         source revision     {revision}{modified}\n\
+         sources             {revision}{modified}\n\
          scales              {scales} (inputs, then each layer)\n\
          required SINR       {sinr} dB\n\
          joiner levels       {levels} dB over noise\n",

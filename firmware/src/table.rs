@@ -21,7 +21,7 @@
 //! | 38 | u8 | 1 if the sources had uncommitted changes, else 0 |
 //! | 39 | u8 | 0 |
 //! | 40 | u64 | training seed |
-//! | 48 | 20 bytes | source revision (git object name; zeros if unknown) |
+//! | 48 | 20 bytes | digest of the sources that trained it (zeros if unknown) |
 //! | 68 | 5 x u32 | scale of the inputs, then of each layer's outputs: the real value of one step, in 2^-24 |
 //! | 88 | layers | each: an i32 bias for every row of the stream, then the stream |
 //! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
@@ -86,7 +86,7 @@ pub struct Aligned<const LEN: usize>(pub [u8; LEN]);
 pub struct Provenance {
     /// The seed it was trained with.
     pub seed: u64,
-    /// The git revision of the sources that trained it; zeros if unknown.
+    /// Digest of the sources that trained it, the first bytes of a SHA-256; zeros if unknown.
     pub revision: [u8; 20],
     /// Whether those sources had uncommitted changes.
     pub modified: bool,

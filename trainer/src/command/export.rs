@@ -225,7 +225,7 @@ fn report(
         say!("{object}");
     } else {
         say!(
-            "{message}\n{} bytes for up to {} vehicles, seed {}, source revision {revision}. The longest slot takes {:.1} % of 1 ms \
+            "{message}\n{} bytes for up to {} vehicles, seed {}, sources {revision}. The longest slot takes {:.1} % of 1 ms \
              (modelled).",
             table.bytes().len(),
             table.max_vehicles(),
