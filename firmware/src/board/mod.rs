@@ -9,7 +9,7 @@
 //!
 //! | priority | task | what it does |
 //! |---|---|---|
-//! | 3 | `line` (USART1) | bytes between the line and two queues |
+//! | 3 | `line` (USART1) | bytes between the line and two queues; wakes `decide` when a frame is complete |
 //! | 2 | `tick` (SysTick) | counts a tick, whatever the modem does |
 //! | 1 | `decide` (EXTI0, pended by the others) | frames and overdue slots to decisions; feeds the watchdog |
 //! | 0 | `idle` | table updates: flash and signatures; sleep |
@@ -36,6 +36,7 @@ use firmware::table_store::{Key, TableStore};
 use firmware::tables::DISTILLED;
 use firmware::unit::Unit;
 use flash::Flash;
+use heapless::spsc::{Consumer, Producer};
 use serial::{Received, Serial, ToSend};
 use slot_timer::SlotTimer;
 use stopwatch::Stopwatch;
@@ -83,8 +84,6 @@ mod app {
 
     #[shared]
     struct Shared {
-        received: Received,
-        to_send: ToSend,
         update: Option<UpdateFrame>,
         reply: Option<Reply>,
     }
@@ -92,6 +91,8 @@ mod app {
     #[local]
     struct Local {
         serial: Serial,
+        received: Consumer<'static, u8>,
+        to_send: Producer<'static, u8>,
         session: &'static mut Session<'static>,
         slot_timer: SlotTimer,
         stopwatch: Stopwatch,
@@ -99,7 +100,7 @@ mod app {
         store: TableStore<Flash>,
     }
 
-    #[init]
+    #[init(local = [bytes_in: Received = Received::new(), bytes_out: ToSend = ToSend::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let watchdog = Watchdog::start(device.IWDG);
@@ -121,16 +122,25 @@ mod app {
         };
         let stopwatch = Stopwatch::start(device.TIM2, &device.RCC, clocks);
         let slot_timer = SlotTimer::start(cx.core.SYST, clocks, session.clock().tick_microseconds());
-        let serial = Serial::start(device.USART1, &device.GPIOA, &device.RCC, clocks);
+        let (into_received, received) = cx.local.bytes_in.split();
+        let (to_send, from_to_send) = cx.local.bytes_out.split();
+        let serial = Serial::start(
+            device.USART1,
+            into_received,
+            from_to_send,
+            &device.GPIOA,
+            &device.RCC,
+            clocks,
+        );
         (
             Shared {
-                received: Received::new(),
-                to_send: ToSend::new(),
                 update: None,
                 reply: None,
             },
             Local {
                 serial,
+                received,
+                to_send,
                 session,
                 slot_timer,
                 stopwatch,
@@ -140,11 +150,11 @@ mod app {
         )
     }
 
-    #[task(binds = USART1, priority = 3, local = [serial], shared = [received, to_send])]
+    #[task(binds = USART1, priority = 3, local = [serial])]
     fn line(cx: line::Context) {
-        let serial = cx.local.serial;
-        (cx.shared.received, cx.shared.to_send).lock(|received, to_send| serial.service(received, to_send));
-        rtic::pend(Interrupt::EXTI0);
+        if cx.local.serial.service() {
+            rtic::pend(Interrupt::EXTI0);
+        }
     }
 
     #[task(binds = SysTick, priority = 2)]
@@ -155,14 +165,15 @@ mod app {
 
     #[task(
         binds = EXTI0, priority = 1,
-        local = [session, slot_timer, stopwatch, watchdog],
-        shared = [received, to_send, update, reply],
+        local = [received, to_send, session, slot_timer, stopwatch, watchdog],
+        shared = [update, reply],
     )]
     fn decide(mut cx: decide::Context) {
         let (session, slot_timer, stopwatch) = (cx.local.session, cx.local.slot_timer, cx.local.stopwatch);
+        let (received, to_send) = (cx.local.received, cx.local.to_send);
         let mut send = |message: &UnitMessage| {
             if let Ok(frame) = encode(message) {
-                cx.shared.to_send.lock(|to_send| serial::queue(to_send, &frame));
+                serial::queue(to_send, &frame);
                 rtic::pend(Interrupt::USART1);
             }
         };
@@ -174,7 +185,7 @@ mod app {
             send(&UnitMessage::Update(reply.answer));
         }
         // Bytes before ticks: a frame that is complete is not overdue.
-        while let Some(byte) = cx.shared.received.lock(Received::pop_front) {
+        while let Some(byte) = received.dequeue() {
             let start = stopwatch.now();
             let request = session.byte(byte);
             if let Some(tick_microseconds) = session.timer_restart() {

@@ -1,10 +1,11 @@
 //! The serial line to the modem: USART1 on PA9 (out) and PA10 (in), 8N1, interrupt-driven both ways.
 //!
-//! The interrupt alone touches the peripheral; the decision task sees two queues. So neither ever waits for the other.
+//! The interrupt alone touches the peripheral; it shares two queues with the decision task, each with one end for either, which needs no
+//! lock. So neither ever waits for the other.
 
 use super::clocks::Clocks;
 use firmware::link::MAX_FRAME;
-use heapless::Deque;
+use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4::stm32f405::{GPIOA, RCC, USART1};
 
 /// Bits per second (chosen: both clocks divide into it). The longest frame in and the longest answer (18 bytes) then take 0.40 ms of a
@@ -12,17 +13,29 @@ use stm32f4::stm32f405::{GPIOA, RCC, USART1};
 /// byte. At 921,600 they would take 0.86, 1.18 and 1.70.
 const BAUD: u32 = 2_000_000;
 
-/// Bytes that may arrive while the unit decides: 1.3 ms of a full line.
-pub type Received = Deque<u8, 256>;
+/// Room for bytes that arrive while the unit decides: 1.3 ms of a full line.
+pub type Received = Queue<u8, 256>;
 /// Room for a decision, an update's answer and one more; there are never more on their way in a slot.
-pub type ToSend = Deque<u8, { 3 * MAX_FRAME }>;
+pub type ToSend = Queue<u8, { 3 * MAX_FRAME + 1 }>;
 
 /// The interrupt's end of the line.
-pub struct Serial(USART1);
+pub struct Serial {
+    usart: USART1,
+    received: Producer<'static, u8>,
+    to_send: Consumer<'static, u8>,
+    sends: bool,
+}
 
 impl Serial {
     /// Sets up pins and peripheral.
-    pub fn start(usart: USART1, pins: &GPIOA, rcc: &RCC, clocks: Clocks) -> Self {
+    pub fn start(
+        usart: USART1,
+        received: Producer<'static, u8>,
+        to_send: Consumer<'static, u8>,
+        pins: &GPIOA,
+        rcc: &RCC,
+        clocks: Clocks,
+    ) -> Self {
         rcc.ahb1enr().modify(|_, w| w.gpioaen().set_bit());
         rcc.apb2enr().modify(|_, w| w.usart1en().set_bit());
         // A peripheral takes two cycles to answer after its clock is on (errata sheet ES0182); reading the register back
@@ -50,38 +63,49 @@ impl Serial {
             w.over8().bit(eight);
             w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit()
         });
-        Self(usart)
+        Self {
+            usart,
+            received,
+            to_send,
+            sends: false,
+        }
     }
 
-    /// Moves bytes both ways.
-    pub fn service(&mut self, received: &mut Received, to_send: &mut ToSend) {
-        let usart = &self.0;
+    /// Moves bytes both ways. Whether the decision task has something to do: a frame is complete, or so much waits that it must be
+    /// taken before it is too much. Waking it for every byte would cost as much as the decision.
+    pub fn service(&mut self) -> bool {
+        let usart = &self.usart;
         let status = usart.sr().read();
+        let mut complete = false;
         // Reading status, then data, clears every receive flag, an overrun's too. Damaged bytes go on like all others: the
         // frame's checksum is stricter than parity or framing.
         if status.rxne().bit_is_set() || status.ore().bit_is_set() {
             let byte = usart.dr().read().dr().bits() as u8;
             // A full queue loses the byte, and with it one frame, by its checksum.
-            let _ = received.push_back(byte);
+            let _ = self.received.enqueue(byte);
+            complete = byte == 0 || self.received.len() >= MAX_FRAME;
         }
-        // At most two bytes fit the transmitter at a time. Where it takes them at once, as in an emulator, the queue's length
-        // bounds the loop.
-        while usart.sr().read().txe().bit_is_set()
-            && let Some(byte) = to_send.pop_front()
-        {
-            usart.dr().write(|w| w.dr().set(u16::from(byte)));
+        // Most interrupts only receive.
+        if self.sends || self.to_send.ready() {
+            // At most two bytes fit the transmitter at a time. Where it takes them at once, as in an emulator, the queue's length
+            // bounds the loop.
+            while usart.sr().read().txe().bit_is_set()
+                && let Some(byte) = self.to_send.dequeue()
+            {
+                usart.dr().write(|w| w.dr().set(u16::from(byte)));
+            }
+            self.sends = self.to_send.ready();
+            usart.cr1().modify(|_, w| w.txeie().bit(self.sends));
         }
-        let more = !to_send.is_empty();
-        usart.cr1().modify(|_, w| w.txeie().bit(more));
+        complete
     }
 }
 
 /// Queues a whole frame, or nothing of it if it does not fit: half a frame would only cost the modem a checksum.
-pub fn queue(to_send: &mut ToSend, frame: &[u8]) {
+pub fn queue(to_send: &mut Producer<'static, u8>, frame: &[u8]) {
     if frame.len() <= to_send.capacity().saturating_sub(to_send.len()) {
-        // Not `extend`, which panics when full.
         for &byte in frame {
-            let _ = to_send.push_back(byte);
+            let _ = to_send.enqueue(byte);
         }
     }
 }
