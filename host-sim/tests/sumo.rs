@@ -482,7 +482,7 @@ fn a_sumo_that_does_not_start_is_one_line() {
     let (folder, _) = programs("");
     let nowhere = Programs::in_folder(folder.path().join("nowhere"));
     let error = nowhere.start(&[], None).expect_err("no program").to_string();
-    assert!(error.ends_with("expected SUMO's program `sumo`"), "{error}");
+    assert!(error.ends_with("expected SUMO's program of this name"), "{error}");
 }
 
 /// A crossing of the user's own, with traffic lights and vehicles by chance.
