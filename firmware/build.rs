@@ -5,6 +5,9 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::{env, fs};
 
+#[path = "src/table_store/key/sound.rs"]
+mod sound;
+
 /// The one memory map of the workspace. The linker also searches the directory it runs in, which is the workspace root
 /// and comes before every search path: a second map anywhere would lose or win silently.
 const MEMORY_MAP: &str = "../memory.x";
@@ -87,6 +90,7 @@ fn link_image() -> Result<(), Box<dyn Error>> {
 /// A build without a release key is a build for tests, and says so where it makes an image.
 fn write_table_key() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-env-changed={TABLE_KEY}");
+    println!("cargo::rerun-if-changed=src/table_store/key/sound.rs");
     let given = env::var(TABLE_KEY).ok();
     let digits = given.as_deref().unwrap_or(TEST_KEY);
     let found = || format!("{TABLE_KEY}: found {digits:?}, expected 64 hexadecimal digits");
@@ -96,6 +100,13 @@ fn write_table_key() -> Result<(), Box<dyn Error>> {
     let mut key = [0; 32];
     for (position, byte) in key.iter_mut().enumerate() {
         *byte = u8::from_str_radix(&digits[2 * position..2 * position + 2], 16).map_err(|_| found())?;
+    }
+    if !sound::is_sound(&key) || salty::PublicKey::try_from(&key).is_err() {
+        return Err(format!(
+            "{TABLE_KEY}: found {digits}, expected the public half of an Ed25519 key: anybody could sign for a point of small order, \
+             and nobody for what is no point"
+        )
+        .into());
     }
     let is_test = digits.eq_ignore_ascii_case(TEST_KEY);
     if is_test && env::var("CARGO_CFG_TARGET_OS")? == "none" {

@@ -3,7 +3,9 @@
 
 use firmware::actor::Actor;
 use firmware::decision::ACTIONS;
-use firmware::link::{CHUNK_LEN, ModemFrame, Refusal, UnitFrame, UpdateAnswer, UpdateFrame, encode};
+use firmware::link::{
+    CHUNK_LEN, ClockSource, ModemFrame, Refusal, Trial, UnitFrame, UpdateAnswer, UpdateFrame, encode,
+};
 use firmware::lots::Identity;
 use firmware::observation::{INPUTS, Observation};
 use firmware::session::{Request, Session};
@@ -14,7 +16,7 @@ use host_sim::hil::emulator::{Emulator, Setup};
 use rand_pcg::Pcg64Mcg;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use system_tests::noise::{below, noise};
+use system_tests::noise::noise;
 use system_tests::qemu::Qemu;
 use system_tests::signing::{TEST_SECRET, package, slot};
 use system_tests::table_builder::Contents;
@@ -23,6 +25,8 @@ use system_tests::{image, random_measurement_on};
 const ANSWER_LIMIT: Duration = Duration::from_secs(20);
 /// For an answer that must not come.
 const SILENCE: Duration = Duration::from_millis(300);
+/// The record of updates.
+const RECORD: u32 = 0x0800_4000;
 /// The first table slot.
 const SLOT_A: u32 = 0x0800_8000;
 /// The second.
@@ -84,8 +88,9 @@ fn the_slot_timer_decides_for_a_silent_modem() {
         "400 slots of 1 ms in {:.3} s of an emulator's time",
         start.elapsed().as_secs_f64()
     );
-    // The modem returns a second later by its count: one frame makes the unit nominal.
+    // The modem returns a second later by its count, which a second frame confirms: that one makes the unit nominal.
     let back = last.wrapping_add(1_000);
+    unit.send(&measured(&mut rng, back.wrapping_sub(1)));
     unit.send(&measured(&mut rng, back));
     let deadline = Instant::now() + ANSWER_LIMIT;
     while Instant::now() < deadline {
@@ -119,7 +124,7 @@ fn fuzz(seed: u128, frames: u32) {
             .unit()
             .last_slot()
             .map_or(slot, |slot| slot.0)
-            .wrapping_add(1 + below(&mut rng, 3));
+            .wrapping_add(1);
         let good = measured(&mut rng, slot);
         sent += 1;
         let valid = decisions(&mut reference, &good);
@@ -154,12 +159,14 @@ fn a_hundred_thousand_frames_of_noise() {
 
 /// Runs an image with these slots against the library with this table.
 fn runs(slots: [&[u8]; 2], directory: &Path, table: &[u8]) -> Qemu {
-    let files = [directory.join("a"), directory.join("b")];
-    for (file, slot) in files.iter().zip(slots) {
-        std::fs::write(file, slot).unwrap();
+    let files = [directory.join("record"), directory.join("a"), directory.join("b")];
+    // The emulator's flash is 0 where nothing is loaded, as a chip's never is.
+    let [a, b] = slots;
+    for (file, bytes) in files.iter().zip([&[0xff; 16 << 10], a, b]) {
+        std::fs::write(file, bytes).unwrap();
     }
-    let [a, b]: [PathBuf; 2] = files;
-    let mut unit = Qemu::boot_with(image::elf(), vec![(SLOT_A, a), (SLOT_B, b)]);
+    let [record, a, b]: [PathBuf; 3] = files;
+    let mut unit = Qemu::boot_with(image::elf(), vec![(RECORD, record), (SLOT_A, a), (SLOT_B, b)]);
     let (mut reference, mut rng) = (session(table), Pcg64Mcg::new(4));
     for slot in 0..200 {
         let bytes = measured(&mut rng, slot);
@@ -190,7 +197,7 @@ fn a_signed_table_in_flash_runs_and_a_damaged_one_does_not() {
     );
     let foreign = slot(&package(&other, 4, &[7; 32]));
     let mut damaged = new.clone();
-    damaged[16 + 90] ^= 0x10;
+    damaged[384 + 90] ^= 0x10;
     let empty = vec![0xff; 16 << 10];
     drop(runs([&new, &old], directory, &other));
     drop(runs([&empty, &new], directory, &other));
@@ -222,7 +229,7 @@ fn an_update_that_the_flash_does_not_take_is_refused_while_slots_are_decided() {
     let mut unit = runs([&active, &empty], directory.path(), DISTILLED);
     let next = package(DISTILLED, 3, &TEST_SECRET);
     let mut rng = Pcg64Mcg::new(6);
-    let mut slot = 1_000;
+    let mut slot = 199;
     let mut step = |unit: &mut Qemu, step: UpdateFrame| {
         slot += 1;
         unit.send(&[wire(&ModemFrame::Update(step)), measured(&mut rng, slot)].concat());
@@ -250,12 +257,33 @@ fn an_update_that_the_flash_does_not_take_is_refused_while_slots_are_decided() {
         step(&mut unit, UpdateFrame::Begin { length }),
         UpdateAnswer::Continue { offset: 0 }
     );
-    let chunk = UpdateFrame::Chunk {
-        offset: 0,
-        bytes: *next.first_chunk::<CHUNK_LEN>().unwrap(),
+    // The header is checked before the flash is touched.
+    let chunk = |index: usize| UpdateFrame::Chunk {
+        offset: (CHUNK_LEN * index) as u32,
+        bytes: *next[CHUNK_LEN * index..].first_chunk::<CHUNK_LEN>().unwrap(),
     };
-    assert_eq!(step(&mut unit, chunk), UpdateAnswer::Refused(Refusal::Flash));
-    assert_eq!(step(&mut unit, chunk), UpdateAnswer::Refused(Refusal::NotBegun));
+    for index in 0..3 {
+        let offset = (CHUNK_LEN * (index + 1)) as u32;
+        assert_eq!(step(&mut unit, chunk(index)), UpdateAnswer::Continue { offset });
+    }
+    assert_eq!(step(&mut unit, chunk(3)), UpdateAnswer::Refused(Refusal::Flash));
+    assert_eq!(
+        step(&mut unit, chunk(3)),
+        UpdateAnswer::Refused(Refusal::NotBegun)
+    );
+    // What the library says of itself, the image says.
+    let status = unit.status(ANSWER_LIMIT);
+    assert_eq!((status.table.version, status.table.trial), (2, Trial::None));
+    assert_eq!(status.table.checksum, Table::parse(DISTILLED).unwrap().checksum());
+    assert_eq!((status.counters.slots, status.counters.degraded), (208, 0));
+    assert_eq!(status.counters.doubted_frames, 0);
+    assert_eq!(status.clock, ClockSource::Emulated);
+    println!("{status:?}");
+    assert!(
+        (1_000..8_192 - 1_536).contains(&status.stack_bytes),
+        "{}",
+        status.stack_bytes
+    );
 }
 
 #[test]

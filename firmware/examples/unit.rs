@@ -14,6 +14,7 @@ use std::io::{Read, Write, stdin, stdout};
 
 fn main() -> std::io::Result<()> {
     let mut session = Session::new(Unit::new(DISTILLED, Identity(0)));
+    session.set_in_emulator(true);
     let mut to_modem = stdout();
     // No timer: every slot waits for its frame.
     for byte in stdin().lock().bytes() {

@@ -33,11 +33,15 @@ impl<'t> Actor<'t> {
 
     /// The slot's sub-channel and power.
     pub fn decide(&mut self, observation: &Observation) -> Decision {
-        let Self { table, scratch } = self;
-        let infer = |input: &[i8]| table.network().infer(scratch, input);
-        let form = table.observation_form();
-        let outputs = form.encode(observation, table.required_sinr(), infer);
-        let form = table.output_form();
-        form.decision(&outputs, observation, table.power_plan())
+        decide(&self.table, &mut self.scratch, observation)
     }
+}
+
+/// The sub-channel and power that a table's network decides on, with these activations to work in.
+pub(crate) fn decide(table: &Table<'_>, scratch: &mut Scratch, observation: &Observation) -> Decision {
+    let infer = |input: &[i8]| table.network().infer(scratch, input);
+    let form = table.observation_form();
+    let outputs = form.encode(observation, table.required_sinr(), infer);
+    let form = table.output_form();
+    form.decision(&outputs, observation, table.power_plan())
 }

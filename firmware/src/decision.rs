@@ -3,6 +3,11 @@
 use crate::observation::{Observation, PAPER_SUB_CHANNELS};
 use crate::units::{Dbm, Level, SubChannel};
 
+/// The most that leaves a unit, whatever a table, a base station or an error says: the last thing that a decision passes on its way to the
+/// modem ([`UnitFrame`](crate::link::UnitFrame)). 33 dBm of EIRP is what ETSI EN 302 571 (section 4.2.3) allows at 5.9 GHz; a product sets
+/// what it is certified for, less its antenna's gain.
+pub const POWER_CEILING: Dbm = Dbm::from_bits(33 * 256);
+
 /// Number of joiner levels.
 pub const JOINER_LEVELS: usize = 4;
 

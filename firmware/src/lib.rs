@@ -21,7 +21,7 @@
 //! * [`mod@unit`]: the state machine over slots, with its fallback when a measurement is missing.
 //! * [`link`]: frames between modem and unit.
 //! * [`slot_clock`]: when a slot is over although the modem said nothing.
-//! * [`table_store`]: tables over the air: two flash slots, signatures, versions.
+//! * [`table_store`]: tables over the air: two flash slots, signatures, versions, trials. [`health`]: how a unit does with its table.
 //! * [`session`]: all of these behind bytes and ticks; what the image runs.
 //! * [`telemetry`]: counters for people; never part of a decision.
 //!
@@ -123,6 +123,7 @@ pub mod actor;
 pub mod clock;
 pub mod decision;
 pub mod form;
+pub mod health;
 pub mod link;
 pub mod lots;
 pub mod measurement;

@@ -1,11 +1,13 @@
 //! Everything between the modem's bytes and the answers: bytes and ticks in, answers out. The image runs this, and so do
 //! the tests; a board adds a serial line, a timer and a flash.
 
-use crate::link::{ModemFrame, Receiver, UnitFrame, UnitMessage, UpdateFrame};
+use crate::health::Health;
+use crate::link::{Counters, ModemFrame, Receiver, UnitFrame, UnitMessage, UpdateFrame};
 use crate::lots::Identity;
 use crate::slot_clock::{SlotClock, SlotLength};
+use crate::table::{Table, TableError};
 use crate::telemetry::Telemetry;
-use crate::unit::{Event, MAX_MISSED, Report, Unit};
+use crate::unit::{Event, MAX_MISSED, Report, State, Unit};
 use crate::units::SlotIndex;
 
 /// What a byte or a tick asks of the board.
@@ -15,6 +17,8 @@ pub enum Request {
     Answer(UnitMessage),
     /// Hand this step to the table store and send its answer when it has one.
     Update(UpdateFrame),
+    /// Send a [`StatusFrame`](crate::link::StatusFrame) with these counters, and what else the board knows.
+    Status(Counters),
 }
 
 /// A unit with its line, its clock and its counters.
@@ -24,6 +28,9 @@ pub struct Session<'t> {
     unit: Unit<'t>,
     clock: SlotClock,
     telemetry: Telemetry,
+    health: Health,
+    doubted: Option<SlotIndex>,
+    in_emulator: bool,
     timer_restarts: bool,
 }
 
@@ -35,8 +42,18 @@ impl<'t> Session<'t> {
             unit,
             clock: SlotClock::default(),
             telemetry: Telemetry::default(),
+            health: Health::of(0),
+            doubted: None,
+            in_emulator: false,
             timer_restarts: false,
         }
+    }
+
+    /// Lets the modem set the slot's length ([`ModemFrame::SlotLength`]): for emulators alone, whose modem steps as slowly as its machine.
+    /// On silicon a frame could so stop the clock that decides for a silent modem.
+    // In place: a session that is handed on by value lies twice on the stack.
+    pub const fn set_in_emulator(&mut self, in_emulator: bool) {
+        self.in_emulator = in_emulator;
     }
 
     /// Takes one byte from the modem.
@@ -46,6 +63,7 @@ impl<'t> Session<'t> {
             Some(request) => request,
             None => {
                 self.telemetry.dropped_frames = self.telemetry.dropped_frames.saturating_add(1);
+                self.health.dropped = self.health.dropped.saturating_add(1);
                 None
             }
         }
@@ -67,9 +85,27 @@ impl<'t> Session<'t> {
         core::mem::take(&mut self.timer_restarts).then(|| self.clock.tick_microseconds())
     }
 
-    /// Runs another table from the next slot on: see [`Unit::replace_table`].
+    /// Runs the table in `bytes` from the next slot on: see [`Unit::replace_table`].
     pub fn replace_table(&mut self, bytes: &'t [u8]) {
-        self.unit.replace_table(bytes);
+        self.run_table(Table::parse(bytes));
+    }
+
+    /// Runs a table from the next slot on: see [`Unit::run_table`].
+    pub fn run_table(&mut self, table: Result<Table<'t>, TableError>) {
+        self.unit.run_table(table);
+        self.health = Health::of(0);
+    }
+
+    /// How the unit did with its table, each time that a window is full: for
+    /// [`TableStore::judge`](crate::table_store::TableStore::judge).
+    pub fn full_window(&mut self) -> Option<Health> {
+        if !self.health.is_full() {
+            return None;
+        }
+        // The checksum only now: a session that looks at its unit when it is made lies on the stack as a whole.
+        let checksum = self.unit.table().map_or(0, Table::checksum);
+        let health = core::mem::replace(&mut self.health, Health::of(0));
+        Some(Health { checksum, ..health })
     }
 
     /// The unit.
@@ -91,6 +127,9 @@ impl<'t> Session<'t> {
     fn frame(&mut self, frame: &ModemFrame) -> Option<Option<Request>> {
         match *frame {
             ModemFrame::SlotLength { microseconds } => {
+                if !self.in_emulator {
+                    return None;
+                }
                 self.clock.set_length(SlotLength::new(microseconds)?);
                 self.timer_restarts = true;
                 Some(None)
@@ -100,8 +139,13 @@ impl<'t> Session<'t> {
                 Some(None)
             }
             ModemFrame::Update(step) => Some(Some(Request::Update(step))),
+            ModemFrame::Status => Some(Some(Request::Status(self.telemetry.counters()))),
             ModemFrame::Measurement(_) | ModemFrame::Missed { .. } => {
                 let event = frame.event()?.ok()?;
+                if !self.believes(event.slot()) {
+                    self.telemetry.doubted_frames = self.telemetry.doubted_frames.saturating_add(1);
+                    return Some(None);
+                }
                 if self.clock.hear(event.slot(), u32::from(MAX_MISSED)) {
                     self.timer_restarts = true;
                 }
@@ -110,9 +154,27 @@ impl<'t> Session<'t> {
         }
     }
 
+    /// Whether a frame's slot is believed. One that neither follows the last slot nor is an old one is a jump, and a jump is believed when
+    /// the next frame follows it: the checksum is no signature, and one forged frame far ahead would have all real ones dropped as old.
+    fn believes(&mut self, slot: SlotIndex) -> bool {
+        let Some(last) = self.unit.last_slot() else {
+            return true;
+        };
+        let follows = |previous: SlotIndex| slot.since(previous) == 1;
+        if last.since(slot) <= u32::from(MAX_MISSED) {
+            return true;
+        }
+        let believed = follows(last) || self.doubted.is_some_and(follows);
+        self.doubted = (!believed).then_some(slot);
+        believed
+    }
+
     fn decide(&mut self, event: &Event) -> Option<Request> {
         let report: Report = self.unit.slot(event)?;
         self.telemetry.count(&report);
+        if let (Event::Measured(measurement), State::Nominal) = (event, report.state) {
+            self.health.count(measurement, &report);
+        }
         Some(Request::Answer(UnitMessage::Decision(UnitFrame::from(&report))))
     }
 }

@@ -11,10 +11,10 @@
 //! | 6 | u8 | number of dense layers, 1 to [`MAX_LAYERS`] |
 //! | 7 | u8 | most sub-channels of a cell that it serves |
 //! | 8 | u32 | length of the whole table with its checksum |
-//! | 12 | u16 | most vehicles in the cell it was trained for |
-//! | 14 | i16 | required SINR in 1/256 dB |
+//! | 12 | u16 | most vehicles in the cell it was trained for, 1 to [`MAX_PLACES`] |
+//! | 14 | i16 | required SINR in 1/256 dB, [`SINR`] |
 //! | 16 | 2 bytes | 0 |
-//! | 18 | 4 x i16 | joiner levels in 1/256 dB over noise |
+//! | 18 | 4 x i16 | joiner levels in 1/256 dB over noise, from the required SINR on and none below the one before |
 //! | 26 | u8 | what the network sees: code of an [`ObservationForm`] |
 //! | 27 | u8 | what its outputs mean: code of an [`OutputForm`] |
 //! | 28 | 5 x u16 | widths: inputs, then each layer's outputs; unused ones 0 |
@@ -22,12 +22,14 @@
 //! | 39 | u8 | 0 |
 //! | 40 | u64 | training seed |
 //! | 48 | 20 bytes | digest of the sources that trained it (zeros if unknown) |
-//! | 68 | 5 x u32 | scale of the inputs, then of each layer's outputs: the real value of one step, in 2^-24 |
+//! | 68 | 5 x u32 | scale of the inputs, then of each layer's outputs: the real value of one step, in 2^-24; unused ones 0 |
 //! | 88 | layers | each: an i32 bias for every row of the stream, then the stream |
 //! | length - 4 | u32 | CRC-32/ISO-HDLC of everything before |
 //!
 //! The scales are for people and tools; inference needs the multipliers alone ([`DenseLayer`](crate::network::DenseLayer)). But what
 //! [`OutputForm::SubChannelAndPower`] makes of outputs needs their scale, so only 1/[`CONTINUOUS_ONE`] is accepted there.
+//!
+//! No field says a power in dBm, so no table can raise one: what a vehicle may send with, its measurement says ([`POWER_CEILING`](crate::decision::POWER_CEILING)).
 //!
 //! # Stream
 //! The weights lie in the order in which the Cortex-M4's kernel uses them (`network/kernel.rs` explains why), and in no other
@@ -50,6 +52,7 @@ use crate::decision::{JOINER_LEVELS, PowerPlan};
 use crate::form::{CONTINUOUS_ONE, ObservationForm, OutputForm};
 use crate::network::{MAX_LAYERS, MAX_WIDTH, Network, ReadError};
 use crate::observation::PAPER_SUB_CHANNELS;
+use crate::ring::MAX_PLACES;
 use crate::units::{Level, MAX_SUB_CHANNELS, SubChannels};
 use core::fmt::{Display, Formatter, from_fn};
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -60,6 +63,9 @@ pub const MAGIC: [u8; 4] = *b"FLAT";
 pub const VERSION: u16 = 3;
 /// Bytes before the first layer.
 pub const HEADER_LEN: usize = 88;
+
+/// Required SINR that makes sense, in 1/256 dB (chosen: -20 dB is far below what narrow-band codes reach, 60 dB above any constellation).
+pub const SINR: core::ops::RangeInclusive<i16> = -20 * 256..=60 * 256;
 
 /// Scale of outputs of [`OutputForm::SubChannelAndPower`].
 const CONTINUOUS_SCALE: i32 = (1 << 24) / CONTINUOUS_ONE;
@@ -213,9 +219,7 @@ impl<'t> Table<'t> {
     ///
     /// # Errors
     /// [`TableError`] names the first field that does not fit. Nothing past the checksum is trusted before it matches.
-    // Inlined: a table that arrives through a pointer makes the compiler build a unit, 4 KiB of activations in it, twice on
-    // the stack before it moves to its place (8.6 KiB of stack instead of 4.4).
-    #[inline(always)]
+    #[inline(never)]
     pub fn parse(bytes: &'t [u8]) -> Result<Self, TableError> {
         let length = bytes.len() as u32;
         let truncated = ReadError::Truncated {
@@ -261,11 +265,26 @@ impl<'t> Table<'t> {
             return Err(ReadError::field("layers", i32::from(layers), MAX_LAYERS as i32).into());
         }
         let max_vehicles = reader.u16()?;
+        within("vehicles", max_vehicles.into(), 1, MAX_PLACES.into())?;
         let required_sinr = reader.level()?;
+        within(
+            "required SINR",
+            required_sinr.to_bits().into(),
+            (*SINR.start()).into(),
+            (*SINR.end()).into(),
+        )?;
         expect("reserved", i32::from(reader.u16()?), 0)?;
         let mut joiner_levels = [Level::ZERO; JOINER_LEVELS];
+        let mut least = required_sinr;
         for level in &mut joiner_levels {
             *level = reader.level()?;
+            within(
+                "joiner level",
+                level.to_bits().into(),
+                least.to_bits().into(),
+                i16::MAX.into(),
+            )?;
+            least = *level;
         }
         let [observation_form, output_form] = reader.array()?;
         let observation_form = form("observation form", &ObservationForm::ALL, observation_form)?;
@@ -291,8 +310,12 @@ impl<'t> Table<'t> {
         let seed = u64::from_le_bytes(reader.array()?);
         let revision = reader.array()?;
         let mut scales = [0; MAX_LAYERS + 1];
-        for scale in &mut scales {
+        for (index, scale) in scales.iter_mut().enumerate() {
             *scale = reader.u32()?;
+            let used = index <= usize::from(layers);
+            if (*scale > 0) != used {
+                return Err(ReadError::field("scale", scale.cast_signed(), used.into()).into());
+            }
         }
 
         let (used, _) = widths
@@ -388,6 +411,11 @@ impl<'t> Table<'t> {
     pub const fn bytes(&self) -> &'t [u8] {
         self.bytes
     }
+
+    /// The checksum at their end.
+    pub fn checksum(&self) -> u32 {
+        self.bytes.last_chunk().copied().map_or(0, u32::from_le_bytes)
+    }
 }
 
 /// The form with this code.
@@ -395,6 +423,11 @@ fn form<T: Copy>(name: &'static str, all: &[T], code: u8) -> Result<T, ReadError
     let largest = all.len().saturating_sub(1) as i32;
     let form = all.get(usize::from(code)).copied();
     form.ok_or(ReadError::field(name, i32::from(code), largest))
+}
+
+/// Says the bound that is passed.
+fn within(name: &'static str, found: i32, least: i32, most: i32) -> Result<(), ReadError> {
+    expect(name, found, found.clamp(least, most))
 }
 
 fn expect(name: &'static str, found: i32, expected: i32) -> Result<(), ReadError> {

@@ -1,6 +1,7 @@
 //! Counters for people. Nothing here takes part in a decision.
 
 use crate::decision::Decision;
+use crate::link::Counters;
 use crate::unit::{Report, State};
 use micromath::F32Ext;
 
@@ -17,6 +18,8 @@ pub struct Telemetry {
     pub overdue: u32,
     /// Frames dropped as damaged or invalid.
     pub dropped_frames: u32,
+    /// Frames whose slot did not follow the one before, and that no next frame has confirmed.
+    pub doubted_frames: u32,
     /// Sum of transmit power over slots, in nW. An f32 stops growing after some hours; this holds 2^32 slots of 4 W.
     power_nw: u64,
 }
@@ -33,6 +36,18 @@ impl Telemetry {
             self.transmissions = self.transmissions.saturating_add(1);
             let power_nw = milliwatts(power.value().to_num()) * 1.0e6;
             self.power_nw = self.power_nw.saturating_add(power_nw as u64);
+        }
+    }
+
+    /// The counters as they are sent.
+    pub const fn counters(&self) -> Counters {
+        Counters {
+            slots: self.slots,
+            transmissions: self.transmissions,
+            degraded: self.degraded,
+            overdue: self.overdue,
+            dropped_frames: self.dropped_frames,
+            doubted_frames: self.doubted_frames,
         }
     }
 

@@ -25,13 +25,13 @@
 //!
 //! In every state the decision is legal: silent, or one of the cell's sub-channels with at most the power that the base station broadcast.
 
-use crate::actor::Actor;
+use crate::actor;
 use crate::clock;
 use crate::decision::{Action, Decision};
 use crate::fmt::{log_info, log_warning};
 use crate::lots::Identity;
 use crate::measurement::{Broadcast, Measurement, Place, age_at};
-use crate::network::ReadError;
+use crate::network::{ReadError, Scratch};
 use crate::observation::Observation;
 use crate::ring::Open;
 use crate::table::{Table, TableError};
@@ -112,7 +112,8 @@ pub struct Report {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Unit<'t> {
-    actor: Result<Actor<'t>, TableError>,
+    table: Result<Table<'t>, TableError>,
+    scratch: Scratch,
     identity: Identity,
     tracker: LevelTracker,
     known: Option<Known>,
@@ -141,10 +142,11 @@ impl<'t> Unit<'t> {
     /// A unit that stays silent until it is given a table.
     pub const fn without_table(identity: Identity) -> Self {
         Self {
-            actor: Err(TableError::Read(ReadError::Truncated {
+            table: Err(TableError::Read(ReadError::Truncated {
                 found: 0,
                 expected: 0,
             })),
+            scratch: Scratch::new(),
             identity,
             tracker: LevelTracker::new(),
             known: None,
@@ -153,15 +155,24 @@ impl<'t> Unit<'t> {
         }
     }
 
-    /// Runs the table in `bytes` from the next slot on. What the unit knows of its channel and its turn stays. A table that
-    /// fails its check silences the unit, so callers check first and keep the old one.
-    // A new actor is built on the stack before it moves here; inlined, its 4 KiB would be reserved in every slot.
+    /// Runs the table in `bytes` from the next slot on: [`Unit::run_table`] of [`Table::parse`], which reads all of it.
     #[inline(never)]
     pub fn replace_table(&mut self, bytes: &'t [u8]) {
-        match parse(bytes) {
-            Ok(table) => self.actor = Ok(Actor::new(table)),
-            Err(error) => self.actor = Err(error),
+        self.run_table(Table::parse(bytes));
+    }
+
+    /// Runs a table from the next slot on. What the unit knows of its channel and its turn stays. None silences the unit, so callers
+    /// keep the old one where they can. Whoever parses a table below all decisions keeps that out of the slot.
+    pub fn run_table(&mut self, table: Result<Table<'t>, TableError>) {
+        match &table {
+            Ok(_table) => log_info!(
+                "table of seed {} serves {} vehicles",
+                _table.provenance().seed,
+                _table.max_vehicles()
+            ),
+            Err(_error) => log_warning!("silent: {}", _error),
         }
+        self.table = table;
     }
 
     /// Draws its lots under this identity from the next slot on.
@@ -176,7 +187,7 @@ impl<'t> Unit<'t> {
 
     /// The table, or why there is none.
     pub fn table(&self) -> Result<&Table<'t>, TableError> {
-        self.actor.as_ref().map(Actor::table).map_err(|error| *error)
+        self.table.as_ref().map_err(|error| *error)
     }
 
     /// The level at which the unit expects to be received at full power on any sub-channel, or `None` before its first measurement.
@@ -225,10 +236,11 @@ impl<'t> Unit<'t> {
                 ..*measurement.broadcast()
             },
         });
-        match &mut self.actor {
-            Ok(actor) => {
+        match &self.table {
+            Ok(table) => {
                 let observation = Observation::new(measurement, self.identity);
-                (actor.decide(&observation), State::Nominal)
+                let decision = actor::decide(table, &mut self.scratch, &observation);
+                (decision, State::Nominal)
             }
             Err(_) => (Decision::Silent, State::Silent(Silence::NoTable)),
         }
@@ -236,7 +248,7 @@ impl<'t> Unit<'t> {
 
     fn missed(&mut self, slot: SlotIndex, elapsed: u32) -> (Decision, State) {
         self.pass(elapsed);
-        let Ok(actor) = &self.actor else {
+        let Ok(table) = &self.table else {
             return (Decision::Silent, State::Silent(Silence::NoTable));
         };
         let (Some(known), Some(level)) = (self.known, self.tracker.predicted()) else {
@@ -245,7 +257,6 @@ impl<'t> Unit<'t> {
         if self.missed >= MAX_MISSED {
             return (Decision::Silent, State::Silent(Silence::NoMeasurement));
         }
-        let table = actor.table();
         let age = age_at(slot, known.last_acknowledged);
         let observation =
             Observation::predicted(slot, level, age, known.place, &known.broadcast, self.identity);
@@ -265,17 +276,4 @@ impl<'t> Unit<'t> {
             self.missed = self.missed.saturating_add(1);
         }
     }
-}
-
-fn parse(bytes: &[u8]) -> Result<Table<'_>, TableError> {
-    let table = Table::parse(bytes);
-    match &table {
-        Ok(table) => log_info!(
-            "table of seed {} serves {} vehicles",
-            table.provenance().seed,
-            table.max_vehicles()
-        ),
-        Err(error) => log_warning!("silent: {}", error),
-    }
-    table
 }

@@ -7,6 +7,7 @@ mod actor;
 mod clock;
 mod decision;
 mod description;
+mod flash;
 mod form;
 mod link;
 #[cfg(feature = "defmt")]
@@ -23,6 +24,7 @@ mod table_builder;
 mod table_store;
 mod telemetry;
 mod tracker;
+mod trial;
 mod unit;
 
 #[cfg(feature = "defmt")]

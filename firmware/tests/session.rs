@@ -4,7 +4,10 @@ use crate::noise::{below, noise};
 use crate::readings::Readings;
 use crate::table_builder::Contents;
 use firmware::decision::{ACTIONS, Decision};
-use firmware::link::{ModemFrame, UnitFrame, UnitMessage, encode};
+use firmware::link::{
+    ClockSource, Counters, ModemFrame, Receiver, ResetCause, StatusFrame, TableStatus, Trial, UnitFrame,
+    UnitMessage, encode,
+};
 use firmware::lots::Identity;
 use firmware::observation::INPUTS;
 use firmware::session::{Request, Session};
@@ -108,6 +111,16 @@ fn duplicates_and_old_frames_cannot_put_the_deadline_off() {
 }
 
 #[test]
+fn only_an_index_that_is_more_than_the_limit_older_restarts_the_phase() {
+    let mut clock = SlotClock::default();
+    assert!(clock.hear(SlotIndex(1_000), 100));
+    for back in 0..=100 {
+        assert!(!clock.hear(SlotIndex(1_000 - back), 100), "{back}");
+    }
+    assert!(clock.hear(SlotIndex(899), 100));
+}
+
+#[test]
 fn slot_lengths_are_bounded_and_divide_into_ticks() {
     assert_eq!(SlotLength::new(999), None);
     assert_eq!(SlotLength::new(60_000_001), None);
@@ -126,20 +139,203 @@ fn slot_lengths_are_bounded_and_divide_into_ticks() {
         let ticks = (1..).find(|_| clock.tick()).unwrap();
         assert!(u64::from(tick) * ticks <= u64::from(microseconds));
     }
+    // On silicon none is taken, however well it is meant.
     let mut session = session();
+    for (dropped, microseconds) in [(1, 5), (2, 1_000), (3, 4_000), (4, 60_000_000)] {
+        assert_eq!(send(&mut session, &ModemFrame::SlotLength { microseconds }), []);
+        assert_eq!(
+            (session.timer_restart(), session.telemetry().dropped_frames),
+            (None, dropped)
+        );
+    }
+    assert_eq!(session.clock().length(), SlotLength::DEFAULT);
+    session.set_in_emulator(true);
     assert_eq!(
         send(&mut session, &ModemFrame::SlotLength { microseconds: 5 }),
         []
     );
     assert_eq!(
         (session.timer_restart(), session.telemetry().dropped_frames),
-        (None, 1)
+        (None, 5)
     );
     assert_eq!(
         send(&mut session, &ModemFrame::SlotLength { microseconds: 4_000 }),
         []
     );
     assert_eq!(session.timer_restart(), Some(1_000));
+}
+
+/// A single frame from nowhere costs its own slot at most; a modem that really is somewhere else says so twice.
+#[test]
+fn a_jump_is_believed_when_the_next_frame_follows_it() {
+    for jump in [2, 3, 50, 100, 101, 5_000, 1 << 31, u32::MAX - 101] {
+        let mut session = session();
+        for slot in 1_000..1_010 {
+            assert_eq!(send(&mut session, &measured(slot)).len(), 1);
+        }
+        assert_eq!(session.timer_restart(), Some(250));
+        // Forged: one frame, and one more of the same slot.
+        for doubted in 1..=2 {
+            assert_eq!(send(&mut session, &measured(1_009_u32.wrapping_add(jump))), []);
+            assert_eq!(
+                (session.timer_restart(), session.telemetry().doubted_frames),
+                (None, doubted)
+            );
+        }
+        // The real ones go on, and forged ones between them are no pair.
+        for slot in 1_010..1_200_u32 {
+            assert_eq!(
+                send(&mut session, &measured(slot))[0].slot,
+                slot,
+                "after a jump by {jump}"
+            );
+            assert!(
+                send(
+                    &mut session,
+                    &measured(slot.wrapping_add(jump).wrapping_add(5_000))
+                )
+                .is_empty()
+            );
+        }
+        // A modem that restarted: one slot without an answer.
+        let (first, mut answered) = (1_199_u32.wrapping_add(jump), Vec::new());
+        for slot in 0..10 {
+            answered.extend(send(&mut session, &measured(first.wrapping_add(slot))));
+        }
+        assert_eq!(answered.len(), 9, "{jump}");
+        assert_eq!((answered[0].slot, answered[0].state), (first.wrapping_add(1), 0));
+    }
+}
+
+/// Whatever the base station allows.
+#[test]
+fn no_answer_is_above_the_ceiling_of_power() {
+    let ceiling = 33 * 256;
+    for (max_power, expected) in [
+        (23 << 8, 23 << 8),
+        (ceiling - 1, ceiling - 1),
+        (ceiling, ceiling),
+        (ceiling + 1, ceiling),
+        (i16::MAX, ceiling),
+    ] {
+        let mut session = session();
+        let powers: Vec<i16> = (0..100)
+            .flat_map(|slot| {
+                let readings = Readings {
+                    slot,
+                    max_power,
+                    ..Readings::default()
+                };
+                let frame = ModemFrame::Measurement((&readings.measurement()).into());
+                send(&mut session, &frame)
+            })
+            .filter_map(|frame| Some(frame.transmit?.1))
+            .collect();
+        // In its turn a vehicle sends at full power.
+        assert!(
+            powers.len() > 5 && powers.iter().all(|&power| power == expected),
+            "{max_power}: {powers:?}"
+        );
+    }
+}
+
+/// A modem that sends two seconds of frames at once: each is decided, and none is late.
+#[test]
+fn a_backlog_loses_no_slot() {
+    let mut session = session();
+    for slot in 0..2_000 {
+        assert_eq!(send(&mut session, &measured(slot)).len(), 1);
+        // The line takes a quarter of a slot for each.
+        if slot % 4 == 0 {
+            assert_eq!(session.tick(), None);
+        }
+    }
+    assert_eq!(session.telemetry().overdue, 0);
+}
+
+#[test]
+fn a_unit_says_how_it_is() {
+    let mut session = session();
+    for slot in 0..20 {
+        let _ = send(&mut session, &measured(slot));
+    }
+    for byte in [9, 9, 9, 0] {
+        assert_eq!(session.byte(byte), None);
+    }
+    let _ = send(&mut session, &measured(500));
+    let _: Vec<_> = (0..5).filter_map(|_| session.tick()).collect();
+    let wire = encode(&ModemFrame::Status).unwrap();
+    let requests: Vec<_> = wire.into_iter().filter_map(|byte| session.byte(byte)).collect();
+    let [Request::Status(counters)] = requests[..] else {
+        panic!("{requests:?}")
+    };
+    assert_eq!(
+        counters,
+        Counters {
+            slots: 21,
+            transmissions: session.telemetry().transmissions,
+            degraded: 1,
+            overdue: 1,
+            dropped_frames: 1,
+            doubted_frames: 1,
+        }
+    );
+    // The largest answer fits a frame, and the modem reads it as it was.
+    let status = StatusFrame {
+        table: TableStatus {
+            version: u32::MAX,
+            checksum: u32::MAX,
+            trial: Trial::Waiting(u32::MAX),
+            floor: u32::MAX,
+            erases: u32::MAX,
+        },
+        counters: Counters {
+            slots: u32::MAX,
+            transmissions: u32::MAX,
+            degraded: u32::MAX,
+            overdue: u32::MAX,
+            dropped_frames: u32::MAX,
+            doubted_frames: u32::MAX,
+        },
+        reset: ResetCause::Unknown,
+        clock: ClockSource::Emulated,
+        stack_bytes: u16::MAX,
+    };
+    // The same bytes as `python/tests/test_modem.py` has.
+    let some = StatusFrame {
+        table: TableStatus {
+            version: 7,
+            checksum: 0xef38_af8c,
+            trial: Trial::Waiting(8),
+            floor: 6,
+            erases: 3,
+        },
+        counters: Counters {
+            slots: 1_000_000,
+            transmissions: 150_000,
+            degraded: 200,
+            overdue: 30,
+            dropped_frames: 4,
+            doubted_frames: 1,
+        },
+        reset: ResetCause::BrownOut,
+        clock: ClockSource::Internal,
+        stack_bytes: 4_000,
+    };
+    let wire = encode(&UnitMessage::Status(some)).unwrap();
+    let hex: String = wire.iter().map(|byte| format!("{byte:02x}")).collect();
+    assert_eq!(
+        hex,
+        "1f02078cdfe2f90e01080603c0843df09309c8011e04010301a01f3d77a3e700"
+    );
+    let message = UnitMessage::Status(status);
+    let wire = encode(&message).unwrap();
+    println!("a status takes {} bytes at most", wire.len());
+    let mut receiver = Receiver::default();
+    let mut received = wire
+        .into_iter()
+        .filter_map(|byte| receiver.push::<UnitMessage>(byte));
+    assert_eq!(received.next(), Some(Ok(message)));
 }
 
 /// The number under which the base station knows the vehicle decides its lots from the next slot on.
@@ -176,20 +372,19 @@ fn a_unit_draws_its_lots_under_the_number_that_it_is_told() {
 /// Random and mutated frames, with valid ones between them whose answers a second unit gives as well.
 struct Fuzz {
     rng: Pcg64Mcg,
-    slot: u32,
     frames: u64,
     valid: u64,
 }
 
 impl Fuzz {
     /// A valid measurement with random readings, of the next slot.
-    fn valid_frame(&mut self) -> ModemFrame {
-        self.slot = self.slot.wrapping_add(1 + below(&mut self.rng, 2));
+    fn valid_frame(&mut self, session: &Session<'_>) -> ModemFrame {
+        let slot = session.unit().last_slot().map_or(0, |slot| slot.next().0);
         let sub_channels = 1 + below(&mut self.rng, MAX_SUB_CHANNELS as u32);
         let places = sub_channels + below(&mut self.rng, 100);
         let random = self.rng.next_u32();
         let readings = Readings {
-            slot: self.slot,
+            slot,
             sub_channels: sub_channels as usize,
             gain: std::array::from_fn(|_| self.rng.next_u32() as i16),
             age: (random & 15 > 0).then(|| 1 + below(&mut self.rng, 100)),
@@ -210,14 +405,13 @@ impl Fuzz {
     /// One round: noise, a delimiter, a valid frame. Panics on an illegal or wrong answer.
     fn round(&mut self, session: &mut Session<'static>) {
         let legal = |frame: &UnitFrame| frame.decision().is_some();
-        let good = encode(&self.valid_frame()).unwrap();
+        let good = encode(&self.valid_frame(session)).unwrap();
         let noise = noise(&mut self.rng, &good, 5);
         self.frames += 1;
         for byte in noise.into_iter().chain([0]) {
             if let Some(Request::Answer(UnitMessage::Decision(frame))) = session.byte(byte) {
                 // Fields that make a measurement by chance are one; the count goes on from there.
                 assert!(legal(&frame), "{frame:?}");
-                self.slot = frame.slot;
             }
         }
         if below(&mut self.rng, 8) == 0 {
@@ -225,11 +419,10 @@ impl Fuzz {
             for _ in 0..ticks {
                 if let Some(frame) = decision(session.tick()) {
                     assert!(legal(&frame), "{frame:?}");
-                    self.slot = frame.slot;
                 }
             }
         }
-        let frame = self.valid_frame();
+        let frame = self.valid_frame(session);
         let event = frame.event().unwrap().unwrap();
         let expected = session
             .unit()
@@ -257,7 +450,6 @@ fn fuzz(seed: u128, frames: u64) {
     let mut session = session();
     let mut fuzz = Fuzz {
         rng: Pcg64Mcg::new(seed),
-        slot: 0,
         frames: 0,
         valid: 0,
     };

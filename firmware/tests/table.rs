@@ -108,7 +108,7 @@ fn widen(contents: &mut Contents, layer: usize, inputs: usize) {
 
 #[test]
 fn every_refusal_names_its_field() {
-    let cases: [(String, &str); 25] = [
+    let cases: [(String, &str); 36] = [
         (
             refusal(|c| c.magic = *b"GIRF"),
             "magic: found [47, 49, 52, 46], expected [46, 4c, 41, 54] (FLAT)",
@@ -122,6 +122,30 @@ fn every_refusal_names_its_field() {
             refusal(|c| c.max_sub_channels = 17),
             "sub_channels: found 17, expected 16",
         ),
+        (refusal(|c| c.max_vehicles = 0), "vehicles: found 0, expected 1"),
+        (
+            refusal(|c| c.max_vehicles = 4001),
+            "vehicles: found 4001, expected 4000",
+        ),
+        (
+            refusal(|c| c.required_sinr = -20 * 256 - 1),
+            "required SINR: found -5121, expected -5120",
+        ),
+        (
+            refusal(|c| c.required_sinr = 60 * 256 + 1),
+            "required SINR: found 15361, expected 15360",
+        ),
+        (
+            refusal(|c| c.joiner_levels[0] = c.required_sinr - 1),
+            "joiner level: found 2559, expected 2560",
+        ),
+        (
+            refusal(|c| c.joiner_levels[3] = c.joiner_levels[2] - 1),
+            "joiner level: found 8703, expected 8704",
+        ),
+        (refusal(|c| c.scales[3] = 0), "scale: found 0, expected 1"),
+        (refusal(|c| c.scales[0] = 0), "scale: found 0, expected 1"),
+        (refusal(|c| c.scales[4] = 9), "scale: found 9, expected 0"),
         (refusal(|c| c.layer_count = 0), "layers: found 0, expected 4"),
         (refusal(|c| c.layer_count = 5), "layers: found 5, expected 4"),
         (refusal(|c| c.layer_count = 2), "width: found 7, expected 0"),
@@ -151,6 +175,8 @@ fn every_refusal_names_its_field() {
             "bias: found 1073741825, expected 1073741824",
         ),
         (refusal(|c| c.padding = 1), "padding: found 1, expected 0"),
+        (refusal(|c| c.row_padding.0 = 6), "padding: found 6, expected 0"),
+        (refusal(|c| c.row_padding.1 = 6), "padding: found 6, expected 0"),
         (
             refusal(|c| c.start_error = 1),
             "start of sums: found -371808, expected -371809",

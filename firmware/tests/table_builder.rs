@@ -49,6 +49,8 @@ pub struct Contents {
     pub layers: Vec<Layer>,
     /// The weights of padding rows and columns, in their odd rows.
     pub padding: i8,
+    /// The biases and multipliers of padding rows.
+    pub row_padding: (i32, i32),
     /// Added to the sums that every quad starts from.
     pub start_error: i32,
 }
@@ -81,9 +83,14 @@ impl Contents {
             modified: 0,
             seed,
             revision,
-            scales: [1 << 18, 1 << 16, 1 << 16, 1 << 16, 0],
+            scales: std::array::from_fn(|index| match index {
+                0 => 1 << 18,
+                _ if index < widths.len() => 1 << 16,
+                _ => 0,
+            }),
             layers,
             padding: 0,
+            row_padding: (0, 0),
             start_error: 0,
         }
     }
@@ -139,7 +146,7 @@ impl Contents {
         let outputs = layer.biases.len();
         let rows = outputs.next_multiple_of(if last { 4 } else { 8 });
         let columns = layer.weights[0].len().next_multiple_of(8);
-        let bias = |row: usize| layer.biases.get(row).copied().unwrap_or(0);
+        let bias = |row: usize| layer.biases.get(row).copied().unwrap_or(self.row_padding.0);
         let weight = |row: usize, column: usize| {
             let padding = if row % 2 == 1 { self.padding } else { 0 };
             let weight = layer.weights.get(row).and_then(|row| row.get(column));
@@ -167,7 +174,7 @@ impl Contents {
                 }
             }
             for row in quad..quad + 4 {
-                let multiplier = layer.multipliers.get(row).copied().unwrap_or(0);
+                let multiplier = layer.multipliers.get(row).copied().unwrap_or(self.row_padding.1);
                 bytes.extend(multiplier.to_le_bytes());
             }
         }

@@ -26,7 +26,22 @@ MAX_SUB_CHANNELS = 16
 CHUNK_LEN = 32
 """Bytes of a table's package in one chunk."""
 STATES = ("nominal", "degraded", "silent without a table", "silent without a measurement")
-REFUSALS = ("not begun", "length", "incomplete", "flash", "header", "table", "version", "signature")
+REFUSALS = (
+    "not begun",
+    "length",
+    "incomplete",
+    "flash",
+    "header",
+    "table",
+    "version",
+    "signature",
+    "digest",
+    "on trial",
+    "worn",
+)
+TRIALS = ("none", "waiting", "running")
+RESETS = ("watchdog", "software", "power on", "brown-out", "pin", "unknown")
+CLOCKS = ("crystal", "internal", "internal, slow", "emulated")
 
 
 # postcard: integers of more than a byte are varints, signed ones zigzag first; an option has a byte in front, a sequence its length.
@@ -95,6 +110,10 @@ class Reader:
     def transmit(self) -> tuple[int, int]:
         return self.u8(), self.i16()
 
+    def trial(self) -> tuple[int, int | None]:
+        trial = self.choice(len(TRIALS))
+        return trial, self.u32() if TRIALS[trial] == "waiting" else None
+
     def chunk(self) -> bytes:
         return self.take(CHUNK_LEN)
 
@@ -129,6 +148,7 @@ WRITERS: dict[str, Callable[..., bytes]] = {
     "levels": lambda values: _varint(len(values), 32) + b"".join(map(_i16, values)),
     "place": lambda value: _varint(value[0], 16) + bytes([value[1]]),
     "transmit": lambda value: value[0].to_bytes(1, "little") + _i16(value[1]),
+    "trial": lambda value: bytes([value[0]]) + (b"" if value[1] is None else _varint(value[1], 32)),
     "chunk": bytes,
 }
 
@@ -239,6 +259,13 @@ class Identity(Frame):
     number: int
 
 
+@dataclass(frozen=True)
+class StatusRequest(Frame):
+    """Asks how the unit is."""
+
+    VARIANT = (5,)
+
+
 # From the unit.
 
 
@@ -267,8 +294,8 @@ class Continue(Frame):
 
 
 @dataclass(frozen=True)
-class Activated(Frame):
-    """The table of this version runs."""
+class Stored(Frame):
+    """The table of this version is complete, and will be tried: `Status` says how that goes."""
 
     VARIANT = (1, 1)
     KINDS = ("u32",)
@@ -294,8 +321,45 @@ class Busy(Frame):
     VARIANT = (1, 3)
 
 
-FROM_MODEM: tuple[type[Frame], ...] = (Measurement, Missed, SlotLength, Begin, Chunk, Commit, Identity)
-FROM_UNIT: tuple[type[Frame], ...] = (Decision, Continue, Activated, Refused, Busy)
+@dataclass(frozen=True)
+class Status(Frame):
+    """How a unit is."""
+
+    VARIANT = (2,)
+    KINDS = ("u32", "u32", "trial", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u8", "u8", "u16")
+
+    version: int
+    """Of the running table, 0 for the one that is built in."""
+    checksum: int
+    trial: tuple[int, int | None]
+    """Which of `TRIALS`, and the version that waits."""
+    floor: int
+    """Only versions above it are taken."""
+    erases: int
+    slots: int
+    transmissions: int
+    degraded: int
+    overdue: int
+    dropped_frames: int
+    doubted_frames: int
+    reset: int
+    """Which of `RESETS`."""
+    clock: int
+    """Which of `CLOCKS`."""
+    stack_bytes: int
+
+
+FROM_MODEM: tuple[type[Frame], ...] = (
+    Measurement,
+    Missed,
+    SlotLength,
+    Begin,
+    Chunk,
+    Commit,
+    Identity,
+    StatusRequest,
+)
+FROM_UNIT: tuple[type[Frame], ...] = (Decision, Continue, Stored, Refused, Busy, Status)
 Frames: TypeAlias = tuple[type[Frame], ...]
 
 

@@ -1,7 +1,7 @@
 //! An emulated unit for tests: what goes wrong with the emulator is a failed test.
 
 use crate::image::{STACK, STACK_LENGTH};
-use firmware::link::{ModemFrame, UnitFrame, UnitMessage, UpdateAnswer, encode};
+use firmware::link::{ModemFrame, StatusFrame, UnitFrame, UnitMessage, UpdateAnswer, encode};
 use firmware::slot_clock::SlotLength;
 use host_sim::hil::emulator::{Emulator, Setup};
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ impl Qemu {
     pub fn receive(&mut self, limit: Duration) -> Option<UnitFrame> {
         match self.message(limit)? {
             UnitMessage::Decision(frame) => Some(frame),
-            UnitMessage::Update(answer) => panic!("expected a decision, found {answer:?}"),
+            other => panic!("expected a decision, found {other:?}"),
         }
     }
 
@@ -83,7 +83,22 @@ impl Qemu {
                 None => panic!("no answer to an update"),
                 Some(UnitMessage::Decision(frame)) => decisions.push(frame),
                 Some(UnitMessage::Update(answer)) => return (answer, decisions),
+                Some(UnitMessage::Status(status)) => {
+                    panic!("expected an answer to an update, found {status:?}")
+                }
             }
+        }
+    }
+
+    /// How the unit says it is.
+    ///
+    /// # Panics
+    /// If the emulator is gone, or if it does not say.
+    pub fn status(&mut self, limit: Duration) -> StatusFrame {
+        self.send(&encode(&ModemFrame::Status).unwrap());
+        match self.message(limit) {
+            Some(UnitMessage::Status(status)) => status,
+            other => panic!("expected a status, found {other:?}"),
         }
     }
 

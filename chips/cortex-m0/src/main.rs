@@ -15,6 +15,8 @@ use firmware::unit::Unit;
 async fn main(_spawner: Spawner) -> ! {
     // A task lives in a static place, and its session with it.
     let mut session = Session::new(Unit::new(DISTILLED, Identity::of_device(chip::number())));
+    // QEMU, whose modem says how long a slot is; without this line the program is for a chip.
+    session.set_in_emulator(true);
     chip::start();
     unit::run(&mut session, FromModem, ToModem(chip::send)).await
 }

@@ -1,91 +1,96 @@
-//! System clock: 168 MHz from the board's 8 MHz crystal, or the internal 16 MHz oscillator if that does not come up.
+//! System clock: 168 MHz from the board's 8 MHz crystal, or from the internal 16 MHz oscillator if that does not come up.
 //!
 //! # Source
 //! RM0090, the STM32F405's reference manual: section 3.5.1 (flash wait states), chapter 7 (clocks of the STM32F405).
 
+use firmware::link::ClockSource;
 use stm32f4::stm32f405::{FLASH, RCC, flash, rcc};
 
 /// The internal oscillator, which runs at reset.
 const HSI_HZ: u32 = 16_000_000;
 /// The crystal.
 const HSE_HZ: u32 = 8_000_000;
-/// 8 MHz / 4: the PLL wants 1 to 2 MHz, and 2 MHz gives the least jitter.
-const PLL_M: u32 = 4;
+/// The PLL wants 1 to 2 MHz, and 2 MHz gives the least jitter.
+const PLL_INPUT_HZ: u32 = 2_000_000;
 /// 2 MHz x 168 = 336 MHz, which must be 100 to 432 MHz.
 const PLL_N: u32 = 168;
 /// 336 MHz / 2 = 168 MHz, the most that the core takes.
 const PLL_P: u32 = 2;
 /// 336 MHz / 7 = 48 MHz for USB; unused here, but the field must hold at least 2.
 const PLL_Q: u32 = 7;
-const PLL_HZ: u32 = HSE_HZ / PLL_M * PLL_N / PLL_P;
+const PLL_HZ: u32 = PLL_INPUT_HZ * PLL_N / PLL_P;
 /// 168 MHz / 2 = 84 MHz, the most that APB2 takes; APB1 takes half of it.
 const APB2_DIVIDER: u32 = 2;
 
 const _: () = assert!(PLL_HZ == 168_000_000 && PLL_HZ / APB2_DIVIDER <= 84_000_000);
+const _: () = assert!(HSE_HZ.is_multiple_of(PLL_INPUT_HZ) && HSI_HZ.is_multiple_of(PLL_INPUT_HZ));
 
 /// Reads of a flag before it counts as never coming. The slowest is the crystal, typically 2 ms by
 /// the data sheet; a read takes at least 4 cycles, so this waits for at least 12 ms. It must end: an emulator and a board with a
 /// dead crystal never set the flag, and a slow unit is better than none.
 const POLLS: u32 = 50_000;
 
-/// What the core runs from.
+/// What the core runs from: the PLL, except for [`ClockSource::InternalSlow`], with every bus undivided, and [`ClockSource::Emulated`],
+/// which says nothing: QEMU's core counts time as if it ran at 168 MHz, and its timers as if at 1 GHz.
 #[derive(Clone, Copy)]
-pub enum Clocks {
-    /// The crystal, through the PLL.
-    Crystal,
-    /// The internal oscillator, with every bus undivided.
-    Internal,
-    /// None that says anything: QEMU, whose core counts time as if it ran at 168 MHz, and its timers as if at 1 GHz.
-    Emulated,
-}
+pub struct Clocks(pub ClockSource);
 
 impl Clocks {
     /// Raises the clock as far as the hardware confirms.
     pub fn start(rcc: &RCC, flash: &FLASH) -> Self {
         // The oscillator that the core is running on at this moment says that it is not ready.
         if rcc.cr().read().hsirdy().bit_is_clear() {
-            Self::Emulated
-        } else if crystal_and_pll(rcc).is_some() && slow_flash(flash).is_some() && switch(rcc).is_some() {
-            Self::Crystal
-        } else {
-            fall_back(rcc);
-            Self::Internal
+            return Self(ClockSource::Emulated);
         }
+        let start = |source, crystal: bool| {
+            let raised = pll(rcc, crystal).is_some() && slow_flash(flash).is_some() && switch(rcc).is_some();
+            if !raised {
+                fall_back(rcc);
+            }
+            raised.then_some(source)
+        };
+        let source = start(ClockSource::Crystal, true).or_else(|| start(ClockSource::Internal, false));
+        Self(source.unwrap_or(ClockSource::InternalSlow))
     }
 
     /// The core's clock.
     pub const fn core_hz(self) -> u32 {
-        match self {
-            Self::Crystal | Self::Emulated => PLL_HZ,
-            Self::Internal => HSI_HZ,
+        match self.0 {
+            ClockSource::Crystal | ClockSource::Internal | ClockSource::Emulated => PLL_HZ,
+            ClockSource::InternalSlow => HSI_HZ,
         }
     }
 
     /// The clock of USART1.
     pub const fn apb2_hz(self) -> u32 {
-        match self {
-            Self::Crystal => PLL_HZ / APB2_DIVIDER,
-            Self::Internal | Self::Emulated => HSI_HZ,
+        match self.0 {
+            ClockSource::Crystal | ClockSource::Internal => PLL_HZ / APB2_DIVIDER,
+            ClockSource::InternalSlow | ClockSource::Emulated => HSI_HZ,
         }
     }
 
     /// How many steps TIM2 counts in a microsecond. Timers of a divided bus run at twice its clock (RM0090 section 7.2):
-    /// 84 MHz with the crystal.
+    /// 84 MHz with the PLL.
     pub const fn timer_steps_per_microsecond(self) -> u32 {
-        match self {
-            Self::Crystal => PLL_HZ / 2 / 1_000_000,
-            Self::Internal => HSI_HZ / 1_000_000,
-            Self::Emulated => 1_000,
+        match self.0 {
+            ClockSource::Crystal | ClockSource::Internal => PLL_HZ / 2 / 1_000_000,
+            ClockSource::InternalSlow => HSI_HZ / 1_000_000,
+            ClockSource::Emulated => 1_000,
         }
     }
 }
 
-fn crystal_and_pll(rcc: &RCC) -> Option<()> {
-    rcc.cr().modify(|_, w| w.hseon().set_bit());
-    poll(|| rcc.cr().read().hserdy().bit_is_set())?;
+fn pll(rcc: &RCC, crystal: bool) -> Option<()> {
+    let input_hz = if crystal {
+        rcc.cr().modify(|_, w| w.hseon().set_bit());
+        poll(|| rcc.cr().read().hserdy().bit_is_set())?;
+        HSE_HZ
+    } else {
+        HSI_HZ
+    };
     // The regulator's scale 1, which 168 MHz needs, is its reset value (RM0090 section 5.4.1).
     rcc.pllcfgr().write(|w| {
-        let w = w.pllsrc().set_bit().pllp().div2();
+        let w = w.pllsrc().bit(crystal).pllp().div2();
         // SAFETY: the divisors are inside the ranges of RM0090 section 7.3.2, and the PLL is off.
         #[allow(
             unsafe_code,
@@ -93,7 +98,7 @@ fn crystal_and_pll(rcc: &RCC) -> Option<()> {
         )]
         unsafe {
             w.pllm()
-                .bits(PLL_M as u8)
+                .bits((input_hz / PLL_INPUT_HZ) as u8)
                 .plln()
                 .bits(PLL_N as u16)
                 .pllq()
@@ -131,6 +136,8 @@ fn fall_back(rcc: &RCC) {
     rcc.cfgr()
         .modify(|_, w| w.sw().hsi().hpre().div1().ppre1().div1().ppre2().div1());
     rcc.cr().modify(|_, w| w.pllon().clear_bit().hseon().clear_bit());
+    // The PLL's divisors can be written once it has stopped.
+    let _ = poll(|| rcc.cr().read().pllrdy().bit_is_clear());
 }
 
 fn poll(ready: impl Fn() -> bool) -> Option<()> {

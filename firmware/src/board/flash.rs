@@ -1,4 +1,4 @@
-//! The two table slots in the chip's own flash: sectors 2 and 3.
+//! The table store in the chip's own flash: its record in sector 1, its slots in sectors 2 and 3.
 //!
 //! # What it costs the unit
 //! The chip has one bank: while it erases or programs, the core stalls at its next fetch. A word takes 16 us, so a chunk of an
@@ -15,11 +15,11 @@
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
-use firmware::table_store::{SLOT_LEN, Slot, SlotFlash};
+use firmware::table_store::{FLASH_LEN, SLOT_LEN, Slot, SlotFlash};
 use stm32f4::stm32f405::FLASH;
 
-/// The first slot's sector.
-const FIRST_SECTOR: u8 = 2;
+/// The record's sector.
+const FIRST_SECTOR: u8 = 1;
 const WORD: usize = 4;
 
 /// Reads of the busy flag before the flash counts as stuck: the slowest erase is 0.5 s, and a read takes four cycles of at most
@@ -29,13 +29,13 @@ const POLLS: u32 = 42_000_000;
 #[allow(unsafe_code, reason = "names a place in the memory map")]
 unsafe extern "C" {
     /// Defined by `memory.x`. Mutable, because programming changes it.
-    static mut _table_slots: [u8; 2 * SLOT_LEN];
+    static mut _table_store: [u8; FLASH_LEN];
 }
 
 #[allow(unsafe_code, reason = "names a place in the memory map")]
-const SLOTS: *const [u8; 2 * SLOT_LEN] = &raw const _table_slots;
+const STORE: *const [u8; FLASH_LEN] = &raw const _table_store;
 
-/// The flash controller, for the two slots alone.
+/// The flash controller, for the store alone.
 pub struct Flash(FLASH);
 
 /// What the controller says.
@@ -65,6 +65,7 @@ impl Flash {
         slot_bytes(slot)
     }
 
+    #[inline(never)]
     fn wait(&self) -> Result<(), FlashError> {
         let done = (0..POLLS).any(|_| self.0.sr().read().bsy().bit_is_clear());
         let status = self.0.sr().read();
@@ -105,19 +106,24 @@ impl Flash {
     }
 }
 
-fn slot_bytes(slot: Slot) -> &'static [u8] {
-    // SAFETY: two sectors that hold nothing else and are always mapped. Readers of a slot that is not running borrow it from the
-    // driver, so none of them is alive when the driver writes it.
+fn bytes() -> &'static [u8; FLASH_LEN] {
+    // SAFETY: three sectors that hold nothing else and are always mapped. Readers of what does not run borrow it from the driver, so none
+    // of them is alive when the driver writes it.
     #[allow(unsafe_code, reason = "memory-mapped flash")]
-    let (a, b) = unsafe { &*SLOTS }.split_at(SLOT_LEN);
-    match slot {
-        Slot::A => a,
-        Slot::B => b,
+    unsafe {
+        &*STORE
     }
 }
 
+fn slot_bytes(slot: Slot) -> &'static [u8] {
+    let (_, rest) = bytes().split_at(slot.offset() as usize);
+    rest.split_at(SLOT_LEN).0
+}
+
 impl SlotFlash for Flash {
-    fn slot(&self, slot: Slot) -> &[u8] {
+    const ERASED: u8 = 0xff;
+
+    fn mapped(&self, slot: Slot) -> &[u8] {
         slot_bytes(slot)
     }
 }
@@ -131,15 +137,15 @@ impl ReadNorFlash for Flash {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         check_read(self, offset, bytes.len())?;
-        let slots = Slot::ALL.iter().flat_map(|&slot| slot_bytes(slot));
-        for (byte, stored) in bytes.iter_mut().zip(slots.skip(offset as usize)) {
-            *byte = *stored;
+        let (_, stored) = self::bytes().split_at(offset as usize);
+        for (byte, &stored) in bytes.iter_mut().zip(stored) {
+            *byte = stored;
         }
         Ok(())
     }
 
     fn capacity(&self) -> usize {
-        2 * SLOT_LEN
+        FLASH_LEN
     }
 }
 
@@ -151,7 +157,7 @@ impl NorFlash for Flash {
         check_erase(self, from, to)?;
         self.unlocked(|flash| {
             for sector in from / SLOT_LEN as u32..to / SLOT_LEN as u32 {
-                // SAFETY: sector 2 or 3, by the check above; both hold tables alone.
+                // SAFETY: sector 1, 2 or 3, by the check above; they hold the store alone.
                 #[allow(
                     unsafe_code,
                     reason = "the register description knows no range for this field"
@@ -177,10 +183,10 @@ impl NorFlash for Flash {
             flash.0.cr().write(|w| w.pg().set_bit().psize().psize32());
             let (words, _) = bytes.as_chunks::<WORD>();
             for (index, word) in words.iter().enumerate() {
-                // SAFETY: a word inside the two slots, by the check above; the controller programs what is written there.
+                // SAFETY: a word inside the store, by the check above; the controller programs what is written there.
                 #[allow(unsafe_code, reason = "memory-mapped flash")]
                 unsafe {
-                    let first = SLOTS.cast_mut().cast::<u32>();
+                    let first = STORE.cast_mut().cast::<u32>();
                     first
                         .add(offset as usize / WORD + index)
                         .write_volatile(u32::from_le_bytes(*word));

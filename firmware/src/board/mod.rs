@@ -12,7 +12,7 @@
 //! | 3 | `line` (USART1) | bytes between the line and two queues; wakes `decide` when a frame is complete |
 //! | 2 | `tick` (SysTick) | counts a tick, whatever the modem does |
 //! | 1 | `decide` (EXTI0, pended by the others) | frames and overdue slots to decisions; feeds the watchdog |
-//! | 0 | `idle` | table updates: flash and signatures; sleep |
+//! | 0 | `idle` | table updates, trials, the running table's checksum: flash and signatures; sleep |
 //!
 //! `decide` preempts an update, so slots are decided while a signature is checked; the exception is a sector's erase
 //! ([`flash`]).
@@ -24,14 +24,20 @@ mod device_id;
 mod flash;
 mod log;
 mod panic;
+mod reset;
 mod serial;
 mod slot_timer;
+mod stack;
 mod stopwatch;
 mod watchdog;
 
-use firmware::link::{UnitMessage, UpdateAnswer, UpdateFrame, encode};
+use firmware::health::Health;
+use firmware::link::{
+    ClockSource, Counters, ResetCause, StatusFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
+};
 use firmware::lots::Identity;
 use firmware::session::{Request, Session};
+use firmware::table::{Table, TableError};
 use firmware::table_store::{Key, TableStore};
 use firmware::tables::DISTILLED;
 use firmware::unit::Unit;
@@ -42,37 +48,77 @@ use slot_timer::SlotTimer;
 use stopwatch::Stopwatch;
 use watchdog::Watchdog;
 
-/// What an update's step came to.
-pub struct Reply {
-    answer: UpdateAnswer,
-    /// The table that runs from now on.
-    table: Option<&'static [u8]>,
+/// What the modem asked for that takes its time.
+#[derive(Clone, Copy)]
+pub enum Job {
+    /// A step of an update.
+    Update(UpdateFrame),
+    /// How the unit is.
+    Status(Counters),
+}
+
+/// What there is to do below all decisions.
+pub struct Work {
+    /// It stays while it is worked on, which makes the unit busy.
+    job: Option<Job>,
+    /// How the unit did with its table.
+    window: Option<Health>,
+    /// A slot was decided: time to read on in the running table.
+    decided: bool,
+}
+
+/// What came of it.
+#[derive(Default)]
+pub struct Outcome {
+    message: Option<UnitMessage>,
+    /// What runs from now on.
+    table: Option<Result<Table<'static>, TableError>>,
+}
+
+impl Outcome {
+    const fn is_there(&self) -> bool {
+        self.message.is_some() || self.table.is_some()
+    }
+}
+
+/// What is known from the start on.
+pub struct Start {
+    reset: ResetCause,
+    clock: ClockSource,
 }
 
 /// Says in the image which key it trusts.
 #[used]
 static TABLE_KEY_KIND: &str = Key::KIND;
 
-/// The running table: the store's, or the built-in one.
-fn running_table(store: &TableStore<Flash>) -> &'static [u8] {
-    match store.active() {
-        Some(active) => active.table(Flash::running(active.slot)),
-        // The optimiser must not read the table at build time: what counts is what the flash holds when the unit starts.
-        None => core::hint::black_box(DISTILLED),
+/// The running table, parsed: the store's, or the built-in one. A stored one that does not parse any more is given up.
+#[inline(never)]
+fn running_table(store: &mut TableStore<Flash>) -> Result<Table<'static>, TableError> {
+    loop {
+        let stored = store.running();
+        let bytes = match stored {
+            Some(stored) => stored.table(Flash::running(stored.slot)),
+            // The optimiser must not read the table at build time: what counts is what the flash holds when the unit starts.
+            None => core::hint::black_box(DISTILLED),
+        };
+        let table = Table::parse(bytes);
+        if table.is_ok() || stored.is_none() {
+            return table;
+        }
+        store.drop_running();
     }
 }
 
-/// The session over a table, in a static place. A function of its own, because the 4 KiB of stack on which the session is built
+/// The session, in a static place. A function of its own, because the 4 KiB of stack on which the session is built
 /// must not lie under the signature checks of the store; `None` if it was called before.
 #[inline(never)]
 #[allow(
     clippy::mut_from_ref,
-    reason = "the session is borrowed from a place that is handed out once, not from the table"
+    reason = "the session is borrowed from a place that is handed out once"
 )]
-fn session(table: &'static [u8], identity: [u32; 3]) -> Option<&'static mut Session<'static>> {
-    // The table comes when the session is in its place, so that no second copy of it lies on the stack.
+fn session(identity: [u32; 3], clock: ClockSource) -> Option<&'static mut Session<'static>> {
     let session = cortex_m::singleton!(: Session<'static> = Session::new(Unit::without_table(Identity::of_device(identity))))?;
-    session.replace_table(table);
+    session.set_in_emulator(clock == ClockSource::Emulated);
     Some(session)
 }
 
@@ -84,8 +130,8 @@ mod app {
 
     #[shared]
     struct Shared {
-        update: Option<UpdateFrame>,
-        reply: Option<Reply>,
+        work: Work,
+        outcome: Outcome,
     }
 
     #[local]
@@ -98,14 +144,20 @@ mod app {
         stopwatch: Stopwatch,
         watchdog: Watchdog,
         store: TableStore<Flash>,
+        start: Start,
     }
 
     #[init(local = [bytes_in: Received = Received::new(), bytes_out: ToSend = ToSend::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
+        stack::clear();
         let device = cx.device;
         let watchdog = Watchdog::start(device.IWDG);
         let identity = device_id::read(&device.RCC);
+        let reset = reset::cause(&device.RCC);
         let clocks = clocks::Clocks::start(&device.RCC, &device.FLASH);
+        if clocks.0 != ClockSource::Emulated {
+            Watchdog::freeze_under_debugger(&device.DBGMCU);
+        }
         #[cfg(feature = "defmt")]
         defmt::info!(
             "core clock {=u32} Hz, serial line {=u32} baud, {=str}",
@@ -113,13 +165,14 @@ mod app {
             serial::actual_baud(clocks),
             TABLE_KEY_KIND,
         );
-        let store = TableStore::boot(Flash::new(device.FLASH), Key::BUILT_IN);
-        let Some(session) = session(running_table(&store), identity) else {
+        let mut store = TableStore::boot(Flash::new(device.FLASH), Key::BUILT_IN, DISTILLED);
+        let Some(session) = session(identity, clocks.0) else {
             // Reset comes once. The watchdog makes another.
             loop {
                 cortex_m::asm::wfi();
             }
         };
+        session.run_table(running_table(&mut store));
         let stopwatch = Stopwatch::start(device.TIM2, &device.RCC, clocks);
         let slot_timer = SlotTimer::start(cx.core.SYST, clocks, session.clock().tick_microseconds());
         let (into_received, received) = cx.local.bytes_in.split();
@@ -134,8 +187,12 @@ mod app {
         );
         (
             Shared {
-                update: None,
-                reply: None,
+                work: Work {
+                    job: None,
+                    window: None,
+                    decided: false,
+                },
+                outcome: Outcome::default(),
             },
             Local {
                 serial,
@@ -146,6 +203,10 @@ mod app {
                 stopwatch,
                 watchdog,
                 store,
+                start: Start {
+                    reset,
+                    clock: clocks.0,
+                },
             },
         )
     }
@@ -166,7 +227,7 @@ mod app {
     #[task(
         binds = EXTI0, priority = 1,
         local = [received, to_send, session, slot_timer, stopwatch, watchdog],
-        shared = [update, reply],
+        shared = [work, outcome],
     )]
     fn decide(mut cx: decide::Context) {
         let (session, slot_timer, stopwatch) = (cx.local.session, cx.local.slot_timer, cx.local.stopwatch);
@@ -178,11 +239,16 @@ mod app {
             }
         };
 
-        if let Some(reply) = cx.shared.reply.lock(Option::take) {
-            if let Some(table) = reply.table {
-                session.replace_table(table);
+        let mut decided = false;
+        // Looked at before it is taken: a whole table would be moved in every round.
+        if cx.shared.outcome.lock(|outcome| outcome.is_there()) {
+            let Outcome { message, table } = cx.shared.outcome.lock(core::mem::take);
+            if let Some(table) = table {
+                session.run_table(table);
             }
-            send(&UnitMessage::Update(reply.answer));
+            if let Some(message) = message {
+                send(&message);
+            }
         }
         // Bytes before ticks: a frame that is complete is not overdue.
         while let Some(byte) = received.dequeue() {
@@ -194,6 +260,7 @@ mod app {
             match request {
                 None => {}
                 Some(Request::Answer(message)) => {
+                    decided = true;
                     send(&message);
                     stopwatch.answered(start);
                     log::decided(
@@ -202,20 +269,25 @@ mod app {
                     );
                 }
                 Some(Request::Update(step)) => {
-                    let busy = cx.shared.update.lock(|update| {
-                        let busy = update.is_some();
-                        update.get_or_insert(step);
+                    let busy = cx.shared.work.lock(|work| {
+                        let busy = work.job.is_some();
+                        work.job.get_or_insert(Job::Update(step));
                         busy
                     });
                     if busy {
                         send(&UnitMessage::Update(UpdateAnswer::Busy));
                     }
                 }
+                // A busy unit does not answer, and is asked again.
+                Some(Request::Status(counters)) => cx.shared.work.lock(|work| {
+                    work.job.get_or_insert(Job::Status(counters));
+                }),
             }
         }
         let ticks = slot_timer.take();
         for _ in 0..ticks {
             if let Some(Request::Answer(message)) = session.tick() {
+                decided = true;
                 send(&message);
                 log::decided(
                     session.telemetry(),
@@ -223,33 +295,62 @@ mod app {
                 );
             }
         }
-        if ticks > 0 {
+        if decided {
+            let window = session.full_window();
+            cx.shared.work.lock(|work| {
+                work.window = window.or(work.window.take());
+                work.decided = true;
+            });
+        }
+        if slot_timer.has_run() || decided {
             cx.local.watchdog.feed();
         }
     }
 
-    #[idle(local = [store], shared = [update, reply])]
+    #[idle(local = [store, start], shared = [work, outcome])]
     fn idle(mut cx: idle::Context) -> ! {
-        let store = cx.local.store;
+        let (store, start) = (cx.local.store, cx.local.start);
         loop {
-            // It stays in its place while it is worked on, which makes the unit busy.
-            let Some(step) = cx.shared.update.lock(|update| *update) else {
+            let (job, window, decided) = cx.shared.work.lock(|work| {
+                let decided = core::mem::take(&mut work.decided);
+                (work.job, work.window.take(), decided)
+            });
+            if job.is_none() && window.is_none() && !decided {
                 // A task between the test and the instruction would be slept through. With interrupts off it stays pending, and
                 // that ends WFI (ARMv7-M Architecture Reference Manual, "Wait For Interrupt").
                 cortex_m::interrupt::free(|_| {
-                    if cx.shared.update.lock(|update| update.is_none()) {
+                    let idle = cx.shared.work.lock(|work| work.job.is_none() && !work.decided);
+                    if idle {
                         cortex_m::asm::wfi();
                     }
                 });
                 continue;
-            };
-            let answer = store.step(&step);
-            let activated = matches!(answer, UpdateAnswer::Activated { .. });
-            let table = activated.then(|| running_table(store));
+            }
+            let before = store.running();
+            if let Some(window) = window {
+                let _ = store.judge(&window);
+            }
+            let message = job.map(|job| match job {
+                Job::Update(step) => UnitMessage::Update(store.step(&step)),
+                Job::Status(counters) => UnitMessage::Status(StatusFrame {
+                    table: store.status(),
+                    counters,
+                    reset: start.reset,
+                    clock: start.clock,
+                    stack_bytes: stack::most(),
+                }),
+            });
+            let damaged = decided && store.check_running();
+            let table = (damaged || store.running() != before).then(|| running_table(store));
+            if message.is_none() && table.is_none() {
+                continue;
+            }
             cx.shared
-                .reply
-                .lock(|reply| *reply = Some(Reply { answer, table }));
-            cx.shared.update.lock(|update| *update = None);
+                .outcome
+                .lock(|outcome| *outcome = Outcome { message, table });
+            if job.is_some() {
+                cx.shared.work.lock(|work| work.job = None);
+            }
             rtic::pend(Interrupt::EXTI0);
         }
     }

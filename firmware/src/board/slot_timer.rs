@@ -15,6 +15,8 @@ const MAX_RELOAD: u32 = 0x00ff_ffff;
 pub struct SlotTimer {
     timer: SYST,
     steps_per_microsecond: u32,
+    /// Steps that passed in ticks, whole ones and those that a restart cut off.
+    passed: u32,
 }
 
 impl SlotTimer {
@@ -25,6 +27,7 @@ impl SlotTimer {
         let mut timer = Self {
             timer,
             steps_per_microsecond: clocks.core_hz() / 1_000_000,
+            passed: 0,
         };
         timer.restart(tick_microseconds);
         timer.timer.enable_counter();
@@ -33,15 +36,30 @@ impl SlotTimer {
 
     /// Begins a tick of this length now, and forgets those before.
     pub fn restart(&mut self, tick_microseconds: u32) {
+        let _ = self.take();
+        let cut_off = SYST::get_reload().saturating_sub(SYST::get_current());
+        self.passed = self.passed.saturating_add(cut_off);
         let steps = tick_microseconds.saturating_mul(self.steps_per_microsecond);
         self.timer.set_reload(steps.saturating_sub(1).min(MAX_RELOAD));
         self.timer.clear_current();
-        TICKS.store(0, Ordering::Relaxed);
     }
 
     /// Ticks since the last call.
     pub fn take(&mut self) -> u32 {
-        TICKS.swap(0, Ordering::Relaxed)
+        let ticks = TICKS.swap(0, Ordering::Relaxed);
+        self.passed = self
+            .passed
+            .saturating_add(ticks.saturating_mul(SYST::get_reload()));
+        ticks
+    }
+
+    /// Whether it ran for a tick since this was true last. Restarts cannot hold that off, however often they come.
+    pub fn has_run(&mut self) -> bool {
+        let has_run = self.passed >= SYST::get_reload();
+        if has_run {
+            self.passed = 0;
+        }
+        has_run
     }
 }
 

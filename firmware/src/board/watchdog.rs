@@ -1,9 +1,10 @@
 //! The independent watchdog: restarts the chip when the unit hangs.
 //!
-//! It runs on an oscillator of its own and cannot be stopped. It is fed by a finished round of the decision task in which the
-//! slot clock had ticked, so both must be alive; an idle modem does not matter.
+//! It runs on an oscillator of its own and cannot be stopped. It is fed by a finished round of the decision task that decided a slot, or in
+//! which the slot clock ran for a tick, so neither an idle modem nor one that sends faster than ticks starves it. While a debugger
+//! holds the core it stands still.
 
-use stm32f4::stm32f405::IWDG;
+use stm32f4::stm32f405::{DBGMCU, IWDG};
 
 /// 32 kHz / 32: the oscillator is between 17 and 47 kHz (data sheet, table 41).
 const STEPS_PER_SECOND: u16 = 1_000;
@@ -30,6 +31,11 @@ impl Watchdog {
         let watchdog = Self(watchdog);
         watchdog.feed();
         watchdog
+    }
+
+    /// Stops it whenever a debugger halts the core (RM0090 section 38.16.4): a breakpoint would otherwise end in a restart.
+    pub fn freeze_under_debugger(debug: &DBGMCU) {
+        debug.apb1_fz().modify(|_, w| w.dbg_iwdg_stop().set_bit());
     }
 
     /// Puts the restart off.

@@ -1,7 +1,7 @@
 //! What the frames say.
 
-use super::LinkError;
-use crate::decision::Decision;
+use super::{LinkError, StatusFrame};
+use crate::decision::{Decision, POWER_CEILING};
 use crate::measurement::{Broadcast, Measurement, MeasurementError, Place, Readings};
 use crate::ring::{Open, Ring};
 use crate::table::CHECKSUM;
@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 
 /// Room for any frame on the wire with its delimiter. The longest measurement, of [`MAX_SUB_CHANNELS`], takes 139 bytes: 133 of fields, 4
 /// of checksum, one of byte stuffing, the delimiter; one of 3 sub-channels at most 61, the longest chunk of an update 45, the longest
-/// answer 18.
+/// decision 18.
 pub const MAX_FRAME: usize = 140;
 
-/// Bytes of a package in one frame (chosen: a multiple of the flash's words that keeps the frame within [`MAX_FRAME`]).
+/// Bytes of a package in one frame: the largest word that a flash writes at once ([`WORD`](crate::table_store::WORD)).
 pub const CHUNK_LEN: usize = 32;
 
 /// From the modem: one of the first two once a slot, the others now and then.
@@ -28,7 +28,8 @@ pub enum ModemFrame {
         /// The slot's index.
         slot: u32,
     },
-    /// How long a slot is, if not 1 ms. A length outside the range of [`crate::slot_clock::SlotLength`] is refused.
+    /// How long a slot is, if not 1 ms. Refused outside the range of [`crate::slot_clock::SlotLength`], and on silicon: see
+    /// [`crate::session::Session::set_in_emulator`].
     SlotLength {
         /// In microseconds.
         microseconds: u32,
@@ -41,6 +42,8 @@ pub enum ModemFrame {
         /// The number.
         number: u32,
     },
+    /// Asks for a [`StatusFrame`].
+    Status,
 }
 
 /// One step of a table update. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
@@ -51,14 +54,15 @@ pub enum UpdateFrame {
         /// Its length in bytes.
         length: u32,
     },
-    /// The package's next bytes, in order. The last chunk is filled up with anything.
+    /// The package's next bytes, in order. The last chunk is filled up with anything. With the last one of the header the unit
+    /// checks it, and only then makes room.
     Chunk {
         /// Where in the package they lie.
         offset: u32,
         /// What they are.
         bytes: [u8; CHUNK_LEN],
     },
-    /// The package is complete: check it and run it.
+    /// The package is complete: check it and try it.
     Commit,
 }
 
@@ -71,8 +75,8 @@ pub enum UpdateAnswer {
         /// Offset of the next chunk.
         offset: u32,
     },
-    /// The package is checked and stored, and decides from the next slot on.
-    Activated {
+    /// The table is checked and stored, and will be tried: how that goes, [`StatusFrame`](super::StatusFrame) says.
+    Stored {
         /// Its version.
         version: u32,
     },
@@ -88,7 +92,7 @@ pub enum UpdateAnswer {
 pub enum Refusal {
     /// No update has begun.
     NotBegun,
-    /// The package is too short or does not fit a slot.
+    /// The package is too short, does not fit a slot, or is not as long as its header says.
     Length,
     /// Chunks are missing.
     Incomplete,
@@ -98,10 +102,16 @@ pub enum Refusal {
     Header,
     /// The table inside fails its own check, or is for another geometry or another number of sub-channels.
     Table,
-    /// The version is not above the one that runs.
+    /// The version is not above all that were confirmed, rejected or stored, or is the largest.
     Version,
     /// The signature is not that of this unit's key.
     Signature,
+    /// The table is not the one that the header was signed for.
+    Digest,
+    /// Another table is on trial; begin again after its verdict.
+    OnTrial,
+    /// Too many erases since the start, or ever.
+    Worn,
 }
 
 /// From the unit.
@@ -111,6 +121,8 @@ pub enum UnitMessage {
     Decision(UnitFrame),
     /// What became of a step of a table update.
     Update(UpdateAnswer),
+    /// How the unit is.
+    Status(StatusFrame),
 }
 
 /// One level for every sub-channel, in 1/256 dB over noise.
@@ -153,7 +165,7 @@ pub struct MeasurementFrame {
 pub struct UnitFrame {
     /// The decided slot.
     pub slot: u32,
-    /// `None`: silent. Otherwise the sub-channel and the power in 1/256 dBm.
+    /// `None`: silent. Otherwise the sub-channel and the power in 1/256 dBm, never above [`POWER_CEILING`].
     pub transmit: Option<(u8, i16)>,
     /// [`State`]: 0 nominal, 1 degraded, 2 silent without a table, 3 silent without a measurement.
     pub state: u8,
@@ -165,7 +177,7 @@ impl ModemFrame {
         match self {
             Self::Missed { slot } => Some(Ok(Event::Missed(SlotIndex(*slot)))),
             Self::Measurement(frame) => Some(frame.measurement().map(Event::Measured)),
-            Self::SlotLength { .. } | Self::Update(_) | Self::Identity { .. } => None,
+            Self::SlotLength { .. } | Self::Update(_) | Self::Identity { .. } | Self::Status => None,
         }
     }
 }
@@ -240,7 +252,7 @@ impl From<&Report> for UnitFrame {
             transmit: match report.decision {
                 Decision::Silent => None,
                 Decision::Transmit { sub_channel, power } => {
-                    Some((sub_channel.index() as u8, power.to_bits()))
+                    Some((sub_channel.index() as u8, power.min(POWER_CEILING).to_bits()))
                 }
             },
             state: match report.state {

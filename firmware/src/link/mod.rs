@@ -3,9 +3,11 @@
 
 mod frame;
 mod receiver;
+mod status;
 
 pub use frame::{
     CHUNK_LEN, Levels, MAX_FRAME, MeasurementFrame, ModemFrame, Refusal, UnitFrame, UnitMessage,
     UpdateAnswer, UpdateFrame, encode,
 };
 pub use receiver::{LinkError, Receiver};
+pub use status::{ClockSource, Counters, ResetCause, StatusFrame, TableStatus, Trial};

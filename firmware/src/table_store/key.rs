@@ -2,13 +2,18 @@
 //!
 //! An image holds one public key; the secret one never comes near it. `FRESHLANE_TABLE_KEY`, 64 hexadecimal digits in the
 //! environment of the build, is that key. Without it the image holds the **test key**, whose secret half is in the repository's
-//! tests: everybody can sign for such an image. It says so in three places: a warning of the build, [`Key::IS_TEST`] with the
+//! tests: everybody can sign for such an image. A key for which anybody could forge signatures, or nobody sign, fails the build. It says so in three places: a warning of the build, [`Key::IS_TEST`] with the
 //! text [`Key::KIND`] in the image (`strings firmware | grep 'table key'`), and a line in the log (feature `defmt`) at every start.
 //!
 //! # Why salty
 //! Signatures are checked by `salty`, which is made for this core and takes 14 KiB; ed25519-dalek takes 47, ed25519-compact 302,
-//! of the image's 64. Its arithmetic does not depend on the data. It accepts a scalar that is not reduced, which would make a second
-//! signature from every first one; [`Key::verifies`] does not.
+//! of the image's 64. Its arithmetic does not depend on the data. Two things it accepts that [`Key::verifies`] does not: a scalar that is
+//! not reduced, which would make a second signature from every first one; and a key of small order, under which a signature that anybody
+//! can write fits most messages.
+
+mod sound;
+
+pub use sound::is_sound;
 
 /// The lowest version that this image runs (chosen: 0 is for no version). Raise it to shut out all tables before one.
 pub const MINIMUM_VERSION: u32 = 1;
@@ -41,7 +46,7 @@ impl Key {
     pub fn verifies(&self, message: &[u8], signature: &[u8; 64]) -> bool {
         let scalar = signature.last_chunk::<32>();
         let reduced = scalar.is_some_and(|scalar| scalar.iter().rev().lt(&ORDER_FROM_LAST));
-        reduced && self.equation_holds(message, signature)
+        reduced && is_sound(&self.0) && self.equation_holds(message, signature)
     }
 
     #[cfg(not(feature = "no-panic-proof"))]
@@ -54,5 +59,46 @@ impl Key {
     #[cfg(feature = "no-panic-proof")]
     fn equation_holds(&self, _: &[u8], _: &[u8; 64]) -> bool {
         false
+    }
+}
+
+/// Bytes of a [`Digest`].
+pub const DIGEST_LEN: usize = 48;
+
+/// A table's digest: the first bytes of its SHA-512, which the signature check brings along.
+pub struct Digest(#[cfg(not(feature = "no-panic-proof"))] salty::Sha512);
+
+#[cfg(not(feature = "no-panic-proof"))]
+impl Digest {
+    /// Of nothing yet.
+    #[allow(clippy::new_without_default, reason = "a start, not a default")]
+    pub fn new() -> Self {
+        Self(salty::Sha512::new())
+    }
+
+    /// Takes in the next bytes.
+    pub fn update(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// The digest.
+    pub fn finish(self) -> [u8; DIGEST_LEN] {
+        let digest: [u8; 64] = self.0.finalize();
+        digest.first_chunk().copied().unwrap_or([0; DIGEST_LEN])
+    }
+}
+
+/// The proof image has no salty, and so no digest either: it gets to none, since no signature holds.
+#[cfg(feature = "no-panic-proof")]
+#[allow(missing_docs, clippy::new_without_default, reason = "see the other form")]
+impl Digest {
+    pub const fn new() -> Self {
+        Self()
+    }
+
+    pub const fn update(&mut self, _: &[u8]) {}
+
+    pub const fn finish(self) -> [u8; DIGEST_LEN] {
+        [0; DIGEST_LEN]
     }
 }

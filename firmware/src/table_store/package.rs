@@ -1,4 +1,4 @@
-//! A table as it travels: with a version, and signed.
+//! A table as it travels: behind a header that is signed, and that says everything about it.
 //!
 //! # Layout
 //! Little-endian; offsets in bytes.
@@ -6,73 +6,84 @@
 //! | offset | type | field |
 //! |---|---|---|
 //! | 0 | 4 bytes | magic `FLPK` |
-//! | 4 | u32 | format, 1 |
-//! | 8 | u32 | version of the table, counted up by whoever signs |
+//! | 4 | u32 | format, 2 |
+//! | 8 | u32 | version of the table, counted up by whoever signs; never the largest, which nothing could follow |
 //! | 12 | u32 | length of the table |
-//! | 16 | bytes | the table ([`crate::table`]), whose last four bytes are its CRC-32 |
-//! | 16 + length | 64 bytes | Ed25519 signature (RFC 8032) of everything before |
+//! | 16 | 48 bytes | digest of the table: the first of its SHA-512 |
+//! | 64 | 64 bytes | Ed25519 signature (RFC 8032) of everything before |
+//! | 128 | bytes | the table ([`crate::table`]), whose last four bytes are its CRC-32 |
+//!
+//! The header comes first and is signed by itself, so a unit knows before it erases anything whether it wants what follows.
 
-use super::key::{self, Key};
-use super::{MAX_PACKAGE, PackageError};
-use crate::table::Table;
+use super::key::{self, DIGEST_LEN, Key};
+use super::{MAX_TABLE, PackageError, WORD};
 
 /// First bytes of a package.
 pub const MAGIC: [u8; 4] = *b"FLPK";
 /// The format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 /// Bytes before the table.
-pub const HEADER_LEN: usize = 16;
-/// Bytes after it.
-pub const SIGNATURE_LEN: usize = 64;
-/// The shortest package: one with an empty table, which no check passes.
-pub const MIN_PACKAGE: usize = HEADER_LEN.saturating_add(SIGNATURE_LEN);
+pub const HEADER_LEN: usize = 128;
+/// Bytes of the header that are signed.
+pub const SIGNED_LEN: usize = 64;
+/// The largest version: nothing could follow the one after it.
+pub const MAX_VERSION: u32 = u32::MAX.saturating_sub(1);
 
-/// A checked package.
+/// A header's bytes, as they travel. They may be anything until they are [checked](Header::check).
+pub type HeaderBytes = [[u8; WORD]; HEADER_LEN / WORD];
+
+/// What a header says of its table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Package<'p> {
-    /// Its version.
+pub struct Header {
+    /// The table's version.
     pub version: u32,
-    /// Its table, which parses.
-    pub table: &'p [u8],
+    /// The table's length in bytes.
+    pub length: u32,
+    /// The table's [`Digest`](key::Digest).
+    pub digest: [u8; DIGEST_LEN],
 }
 
-impl<'p> Package<'p> {
-    /// Checks the package at the front of `bytes`; what follows it is not looked at.
-    ///
-    /// The cheap checks come first, so that noise costs no signature check. All of them must hold.
+impl Header {
+    /// Reads a header and checks its form alone.
     ///
     /// # Errors
-    /// The first check that fails.
-    pub fn check(bytes: &'p [u8], key: &Key) -> Result<Self, PackageError> {
-        let (header, rest) = bytes
-            .split_first_chunk::<HEADER_LEN>()
-            .ok_or(PackageError::Truncated)?;
-        let (words, _) = header.as_chunks::<4>();
-        let [magic, format, version, length] = *words else {
+    /// [`PackageError::Header`].
+    pub fn read(bytes: &HeaderBytes) -> Result<Self, PackageError> {
+        let (words, rest) = bytes
+            .as_flattened()
+            .split_first_chunk()
+            .ok_or(PackageError::Header)?;
+        let words: &[u8; 16] = words;
+        let [magic, format, version, length] = *words.as_chunks::<4>().0 else {
             return Err(PackageError::Header);
         };
         if magic != MAGIC || u32::from_le_bytes(format) != FORMAT {
             return Err(PackageError::Header);
         }
-        let length = u32::from_le_bytes(length) as usize;
-        if length > MAX_PACKAGE.saturating_sub(MIN_PACKAGE) {
-            return Err(PackageError::Header);
+        Ok(Self {
+            version: u32::from_le_bytes(version),
+            length: u32::from_le_bytes(length),
+            digest: *rest.first_chunk().ok_or(PackageError::Header)?,
+        })
+    }
+
+    /// Reads a header and checks everything that it says. The cheap checks come first, so that noise costs no signature check.
+    ///
+    /// # Errors
+    /// The first check that fails.
+    #[inline(never)]
+    pub fn check(bytes: &HeaderBytes, key: &Key) -> Result<Self, PackageError> {
+        let header = Self::read(bytes)?;
+        if header.length == 0 || header.length as usize > MAX_TABLE {
+            return Err(PackageError::Length(header.length));
         }
-        let (table, rest) = rest.split_at_checked(length).ok_or(PackageError::Truncated)?;
-        let signature = rest
-            .first_chunk::<SIGNATURE_LEN>()
-            .ok_or(PackageError::Truncated)?;
-        let version = u32::from_le_bytes(version);
-        if version < key::MINIMUM_VERSION {
-            return Err(PackageError::Version(version));
+        if header.version < key::MINIMUM_VERSION || header.version > MAX_VERSION {
+            return Err(PackageError::Version(header.version));
         }
-        Table::parse(table).map_err(PackageError::Table)?;
-        let signed = bytes
-            .get(..HEADER_LEN.saturating_add(length))
-            .ok_or(PackageError::Truncated)?;
-        if !key.verifies(signed, signature) {
-            return Err(PackageError::Signature);
+        let (signed, signature) = bytes.as_flattened().split_at(SIGNED_LEN);
+        match signature.first_chunk() {
+            Some(signature) if key.verifies(signed, signature) => Ok(header),
+            _ => Err(PackageError::Signature),
         }
-        Ok(Self { version, table })
     }
 }

@@ -1,20 +1,36 @@
 //! One update, step by step.
 
-use super::package::{MIN_PACKAGE, Package};
-use super::{Active, MARKER, MARKER_LEN, MAX_PACKAGE, Slot, SlotFlash, TableStore};
+use super::package::{HEADER_LEN, Header, HeaderBytes};
+use super::slots::{Mark, inspect_package, prepare, write_chunk};
+use super::{MAX_TABLE, Slot, SlotFlash, TableStore, WORD};
 use crate::link::{CHUNK_LEN, Refusal, UpdateAnswer, UpdateFrame};
+
+/// Erases between two starts of a unit (chosen): enough to begin anew after disturbed transfers, and a hundredth of what a sector
+/// survives in a thousand starts.
+pub const MAX_ERASES: u8 = 8;
+
+/// The longest package.
+pub const MAX_PACKAGE: usize = HEADER_LEN.saturating_add(MAX_TABLE);
+
+const _: () = assert!(CHUNK_LEN == WORD, "a chunk is what the flash writes at once");
 
 /// An update under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Updating {
-    slot: Slot,
+    /// Of the package.
     length: u32,
-    written: u32,
+    /// What came so far.
+    came: u32,
+    /// The header, which waits here until it is whole and checked.
+    header: HeaderBytes,
+    /// The slot that was erased for it.
+    slot: Option<Slot>,
 }
 
 impl<F: SlotFlash> TableStore<F> {
-    /// Takes one step. The running slot is never touched; after [`UpdateAnswer::Activated`] the other one runs
-    /// ([`TableStore::active`]).
+    /// Takes one step. Nothing that runs is ever touched. [`UpdateAnswer::Stored`] means a trial: at once if the unit knows how its present
+    /// table does, and otherwise when it does; so [`TableStore::running`] may have changed.
+    #[inline(never)]
     pub fn step(&mut self, step: &UpdateFrame) -> UpdateAnswer {
         let outcome = match step {
             UpdateFrame::Begin { length } => self.begin(*length),
@@ -27,21 +43,20 @@ impl<F: SlotFlash> TableStore<F> {
         })
     }
 
+    /// Costs nothing yet, so anybody may ask for it.
     fn begin(&mut self, length: u32) -> Result<UpdateAnswer, Refusal> {
-        if (length as usize) < MIN_PACKAGE || length as usize > MAX_PACKAGE {
+        if length as usize <= HEADER_LEN || length as usize > MAX_PACKAGE {
             return Err(Refusal::Length);
         }
-        let slot = self.active.map_or(Slot::A, |active| active.slot.other());
-        let end = slot.offset().saturating_add(super::SLOT_LEN as u32);
-        self.flash.erase(slot.offset(), end).map_err(|_| Refusal::Flash)?;
-        // A controller that does nothing (an emulator's) reports no error either.
-        if self.flash.slot(slot).iter().any(|&byte| byte != 0xff) {
-            return Err(Refusal::Flash);
-        }
+        // A modem that starts over finds its slot as it left it.
+        let before = self.updating.filter(|update| update.slot.is_some());
+        self.interrupted = before.or(self.interrupted);
+        self.completed = None;
         self.updating = Some(Updating {
-            slot,
             length,
-            written: 0,
+            came: 0,
+            header: HeaderBytes::default(),
+            slot: None,
         });
         Ok(UpdateAnswer::Continue { offset: 0 })
     }
@@ -49,60 +64,78 @@ impl<F: SlotFlash> TableStore<F> {
     fn chunk(&mut self, offset: u32, bytes: &[u8; CHUNK_LEN]) -> Result<UpdateAnswer, Refusal> {
         let mut update = self.updating.ok_or(Refusal::NotBegun)?;
         // A chunk whose answer was lost comes again, and must not be written twice.
-        if offset == update.written && offset < update.length {
-            let place = MARKER_LEN.saturating_add(offset as usize);
-            let room = super::SLOT_LEN.saturating_sub(place).min(CHUNK_LEN);
-            let bytes = bytes.get(..room).unwrap_or(bytes);
-            let address = update.slot.offset().saturating_add(place as u32);
-            self.flash.write(address, bytes).map_err(|_| Refusal::Flash)?;
-            let stored = self
-                .flash
-                .slot(update.slot)
-                .get(place..place.saturating_add(room));
-            if stored != Some(bytes) {
-                return Err(Refusal::Flash);
+        if offset == update.came && offset < update.length {
+            if let Some(slot) = update.slot {
+                write_chunk(&mut self.flash, slot, offset, bytes).ok_or(Refusal::Flash)?;
+            } else if let Some(word) = update.header.get_mut(offset as usize / CHUNK_LEN) {
+                *word = *bytes;
             }
-            update.written = offset.saturating_add(CHUNK_LEN as u32);
+            update.came = offset.saturating_add(CHUNK_LEN as u32);
+            if update.slot.is_none() && update.came as usize >= HEADER_LEN {
+                update = self.make_room(update)?;
+            }
             self.updating = Some(update);
         }
-        Ok(UpdateAnswer::Continue {
-            offset: update.written,
+        Ok(UpdateAnswer::Continue { offset: update.came })
+    }
+
+    /// Checks the header, and then erases a slot for its table.
+    fn make_room(&mut self, update: Updating) -> Result<Updating, Refusal> {
+        let interrupted = self.interrupted.take();
+        if let Some(before) = interrupted.filter(|before| before.header == update.header) {
+            return Ok(before);
+        }
+        let header = Header::check(&update.header, &self.key)?;
+        if header.length as usize != (update.length as usize).saturating_sub(HEADER_LEN) {
+            return Err(Refusal::Length);
+        }
+        let waiting = self.candidate();
+        if header.version <= self.floor() || waiting.is_some_and(|waiting| header.version <= waiting.version)
+        {
+            return Err(Refusal::Version);
+        }
+        if self.is_on_trial() {
+            return Err(Refusal::OnTrial);
+        }
+        self.erases_left = self
+            .erases_left
+            .checked_sub(1)
+            .filter(|_| self.record.has_room())
+            .ok_or(Refusal::Worn)?;
+        // The slot that neither runs nor would after a rejection.
+        let slot = match (self.confirmed(), waiting) {
+            (Some(confirmed), _) => confirmed.slot.other(),
+            (None, Some(waiting)) => waiting.slot,
+            (None, None) => Slot::A,
+        };
+        self.record
+            .note_erase(&mut self.flash, header.version)
+            .ok_or(Refusal::Flash)?;
+        self.drop_slot(slot);
+        prepare(&mut self.flash, slot, &update.header).ok_or(Refusal::Flash)?;
+        Ok(Updating {
+            slot: Some(slot),
+            ..update
         })
     }
 
     fn commit(&mut self) -> Result<UpdateAnswer, Refusal> {
-        let update = self.updating.ok_or(Refusal::NotBegun)?;
-        if update.written < update.length {
-            return Err(Refusal::Incomplete);
-        }
-        let package = self
-            .flash
-            .slot(update.slot)
-            .get(MARKER_LEN..MARKER_LEN.saturating_add(update.length as usize))
-            .ok_or(Refusal::Length)?;
-        let package = Package::check(package, &self.key)?;
-        let active = Active {
-            slot: update.slot,
-            version: package.version,
-            table_len: package.table.len(),
+        let Some(update) = self.updating else {
+            // Its answer was lost, and it comes again.
+            let version = self.completed.ok_or(Refusal::NotBegun)?;
+            return Ok(UpdateAnswer::Stored { version });
         };
-        if self
-            .active
-            .is_some_and(|running| active.version <= running.version)
-        {
-            return Err(Refusal::Version);
-        }
-        // The one write that matters: before it this slot does not exist, after it it is the newest.
-        self.flash
-            .write(update.slot.offset(), &MARKER)
-            .map_err(|_| Refusal::Flash)?;
-        if !self.flash.slot(update.slot).starts_with(&MARKER) {
-            return Err(Refusal::Flash);
-        }
+        let slot = update.slot.filter(|_| update.came >= update.length);
+        let slot = slot.ok_or(Refusal::Incomplete)?;
+        let stored = inspect_package(&mut self.flash, slot, &self.key)?;
+        // The one write that matters: before it this slot does not exist.
+        Mark::Complete.set(&mut self.flash, slot).ok_or(Refusal::Flash)?;
         self.updating = None;
-        self.active = Some(active);
-        Ok(UpdateAnswer::Activated {
-            version: active.version,
+        self.completed = Some(stored.version);
+        self.hold(stored);
+        let _ = self.start_trial();
+        Ok(UpdateAnswer::Stored {
+            version: stored.version,
         })
     }
 }
