@@ -9,6 +9,7 @@ mod decision;
 mod description;
 mod flash;
 mod form;
+mod golden;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;

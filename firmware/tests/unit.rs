@@ -134,6 +134,55 @@ fn a_missing_measurement_degrades_then_silences() {
     );
 }
 
+/// The tracker's level goes on with its change in every slot without a measurement, and starts anew when one comes after [`MAX_MISSED`].
+#[test]
+fn the_level_is_tracked_through_missing_slots() {
+    let bytes = table();
+    let levels = |slot: u32| [(10 << 8) + 8 * slot as i16; firmware::units::MAX_SUB_CHANNELS];
+    let measured = |slot| {
+        let gain = levels(slot);
+        Readings {
+            slot,
+            gain,
+            ..Readings::default()
+        }
+        .event()
+    };
+    for missing in 1..=105 {
+        let (mut unit, mut tracker) = (unit(&bytes), firmware::tracker::LevelTracker::new());
+        for slot in 1..=400 {
+            assert!(unit.slot(&measured(slot)).is_some());
+            tracker.measure(&levels(slot).map(firmware::units::Level::from_bits));
+        }
+        assert_eq!(unit.level(), tracker.predicted());
+        let before = unit.level().unwrap();
+        for slot in 401..400 + missing {
+            assert!(unit.slot(&missed(slot)).is_some());
+            tracker.miss();
+            assert_eq!(unit.level(), tracker.predicted(), "{missing} missing");
+        }
+        assert!(
+            missing < 20 || unit.level().unwrap() > before,
+            "the level rises on"
+        );
+        // The next measurement comes in its own slot: as many slots passed without one as were missing before it.
+        let slot = 400 + missing;
+        assert!(unit.slot(&measured(slot)).is_some());
+        if missing > u32::from(MAX_MISSED) {
+            tracker = firmware::tracker::LevelTracker::new();
+        }
+        tracker.measure(&levels(slot).map(firmware::units::Level::from_bits));
+        assert_eq!(unit.level(), tracker.predicted(), "{missing} missing");
+
+        // The same where the modem leaves the slots out.
+        let mut leaping = self::unit(&bytes);
+        for slot in (1..=400).chain([400 + missing]) {
+            assert!(leaping.slot(&measured(slot)).is_some());
+        }
+        assert_eq!(leaping.level(), unit.level(), "{missing} left out");
+    }
+}
+
 /// What a vehicle sends in its turn: at full power on the sub-channel that carries its place in this slot.
 fn turn(readings: &Readings, slot: u32) -> Decision {
     let readings = Readings { slot, ..*readings };
