@@ -30,7 +30,7 @@ const PINNED: [(&str, u64, u64); 9] = [
     ("net_7_64_32_4_instructions", 1, 3_100),
     ("net_7_1024_512_4_instructions", 1, 420_000),
     ("flash_bytes", 15, 64 << 10),
-    ("ram_bytes", 5, 6 << 10),
+    ("ram_bytes", 5, 7 << 10),
     ("stack_bytes", 15, 8 << 10),
 ];
 
@@ -65,6 +65,14 @@ fn a_slot_costs_what_is_claimed() {
         );
         assert!(value <= *most, "{key}: found {value}, at most {most}");
     }
+
+    // Another table comes parsed, so the slot in which it does hardly takes longer.
+    let activation = &json["stages"]["activation"]["max_instructions"];
+    println!("activation {activation}");
+    assert!(
+        (1..=2_000).contains(&activation.as_u64().unwrap()),
+        "{activation}"
+    );
 
     // What export adds to an inference without an emulator.
     let around = report.slot.max - report.actor.counts.kernel.max;

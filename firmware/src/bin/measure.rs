@@ -302,6 +302,12 @@ mod target {
         unit.slot(event)
     }
 
+    /// What the slot's task does when another table is to run.
+    #[inline(never)]
+    fn activate(unit: &mut Unit<'static>, table: &Table<'static>) {
+        unit.run_table(Ok(table.clone()));
+    }
+
     #[inline(never)]
     fn observe(form: ObservationForm, measurement: &Measurement, required_sinr: Level) -> Observation {
         let observation = Observation::new(measurement, Identity(0));
@@ -441,7 +447,12 @@ mod target {
             "unit_missed",
             "frame_out",
         ];
-        for (name, counts) in names.into_iter().zip(stages).chain([("slot", total)]) {
+        let mut activation = Counts::NONE;
+        let parsed = Table::parse(table).ok()?;
+        let ((), count) = counter.count(|| activate(unit, black_box(&parsed)));
+        activation.add(count);
+        let others = [("activation", activation), ("slot", total)];
+        for (name, counts) in names.into_iter().zip(stages).chain(others) {
             say(format_args!(
                 "stage {name} {} {} {}",
                 counts.least, counts.greatest, counts.sum

@@ -183,7 +183,7 @@ fn as_text(report: &Report, extent: &Extent, table: Option<&Path>) -> Result<Str
         Column::unsigned("max", ranges().map(|range| range.max)).shown("max", "instructions", 0),
     ])?
     .titled("One slot, from the frame's first byte to the answer's last");
-    stages.note("Observe, infer and decide are measured alone; in the slot they are parts of the unit.");
+    stages.note("Observe, infer and decide are measured alone; in the slot they are parts of the unit. Activation comes once an update.");
     Ok(format!(
         "{networks}\n{stages}\n\
          Longest slot: {:.0} modelled cycles, {:.1} % of a slot of 1 ms at 168 MHz.\n\
