@@ -26,6 +26,8 @@ pub mod provenance;
 pub mod quantise;
 pub mod run_folder;
 #[cfg(feature = "program")]
+pub mod signing;
+#[cfg(feature = "program")]
 pub mod study;
 pub mod trained_actors;
 #[cfg(feature = "program")]

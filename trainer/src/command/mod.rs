@@ -7,5 +7,7 @@ pub mod distil;
 pub mod eval;
 pub mod explain;
 pub mod export;
+pub mod key;
+pub mod sign;
 pub mod study;
 pub mod train;
