@@ -296,11 +296,10 @@ mod app {
             }
         }
         if decided {
-            let window = session.full_window();
-            cx.shared.work.lock(|work| {
-                work.window = window.or(work.window.take());
-                work.decided = true;
-            });
+            cx.shared.work.lock(|work| work.decided = true);
+            if let Some(window) = session.full_window() {
+                cx.shared.work.lock(|work| work.window = Some(window));
+            }
         }
         if slot_timer.has_run() || decided {
             cx.local.watchdog.feed();

@@ -52,7 +52,7 @@ impl core::fmt::Debug for Check {
 }
 
 impl<F: SlotFlash> TableStore<F> {
-    /// Reads the next piece of the running table; a board calls it about once a slot, below all decisions. Says whether the table
+    /// Reads the next 192 bytes of the running table; a board calls it about once a slot, below all decisions. Says whether the table
     /// turned out to be damaged, so that another runs from now on ([`TableStore::running`]).
     #[inline(never)]
     pub fn check_running(&mut self) -> bool {
