@@ -500,6 +500,12 @@ fn damaged_slots_fall_back_to_the_other_and_then_to_the_built_in_table() {
             assert_eq!(version(&a, &rotten), Some(4), "bit {bit} of the mark at {mark}");
         }
     }
+    // A slot may hold what no update would take.
+    for version in [0, u32::MAX] {
+        let never = slot(&package(&new, version, &TEST_SECRET));
+        let found = inspect(&mut ChipFlash::with([&never, &[]]), Slot::A, &KEY);
+        assert_eq!(found, Err(PackageError::Version(version)));
+    }
     // Of equal ones the first.
     let twin = slot(&package(&new, 3, &TEST_SECRET));
     assert_eq!(
