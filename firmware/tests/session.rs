@@ -207,6 +207,19 @@ fn a_jump_is_believed_when_the_next_frame_follows_it() {
     }
 }
 
+/// Up to 100 slots back a frame is late, and no jump.
+#[test]
+fn late_frames_are_not_doubted() {
+    let mut session = session();
+    assert_eq!(send(&mut session, &measured(5_000)).len(), 1);
+    for back in 0..=100 {
+        assert_eq!(send(&mut session, &measured(5_000 - back)), []);
+    }
+    assert_eq!(session.telemetry().doubted_frames, 0);
+    assert_eq!(send(&mut session, &measured(4_899)), []);
+    assert_eq!(session.telemetry().doubted_frames, 1);
+}
+
 /// Whatever the base station allows.
 #[test]
 fn no_answer_is_above_the_ceiling_of_power() {

@@ -451,6 +451,22 @@ fn steps_out_of_order_are_answered() {
         );
     }
     assert_eq!(store.flash().erases, 1);
+    // Behind the package's end nothing is written.
+    let mut end = 192;
+    while end < length {
+        assert!(matches!(
+            store.step(&chunk(&next, end)),
+            UpdateAnswer::Continue { .. }
+        ));
+        end += CHUNK_LEN as u32;
+    }
+    let operations = store.flash().operations;
+    let behind = UpdateFrame::Chunk {
+        offset: end,
+        bytes: [0; CHUNK_LEN],
+    };
+    assert_eq!(store.step(&behind), UpdateAnswer::Continue { offset: end });
+    assert_eq!(store.flash().operations, operations);
     // But with another package it is.
     let other = package(&small_table(2), 1, &TEST_SECRET);
     assert_eq!(update(&mut store, &other), UpdateAnswer::Stored { version: 1 });

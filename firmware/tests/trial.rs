@@ -139,6 +139,19 @@ fn a_known_unit_tries_at_once_and_a_waiting_table_can_be_replaced() {
     assert_eq!(running(&store), Some((5, small_table(5))));
 }
 
+/// What a slot still holds from before the confirmed table is never tried.
+#[test]
+fn a_table_without_a_verdict_that_is_older_is_left_alone() {
+    for (version, waits) in [(4, Trial::None), (5, Trial::None), (6, Trial::Waiting(6))] {
+        let mut unconfirmed = slot(&package(&small_table(2), version, &TEST_SECRET));
+        unconfirmed[128..160].fill(0xff);
+        let confirmed = slot(&package(&small_table(1), 5, &TEST_SECRET));
+        let mut store = boot(ChipFlash::with([&confirmed, &unconfirmed]));
+        assert_eq!(store.status().trial, waits, "{version}");
+        assert_eq!(store.judge(&passed(&store)), waits != Trial::None);
+    }
+}
+
 /// A table that stops its unit before the verdict, again and again.
 #[test]
 fn a_table_that_does_not_live_to_its_verdict_is_rejected() {
