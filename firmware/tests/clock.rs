@@ -75,3 +75,20 @@ fn joiners_use_all_levels_alike() {
         "{counts:?}"
     );
 }
+
+/// A gain that just suffices does.
+#[test]
+fn who_is_called_contends_from_the_required_level_on() {
+    let required = 2_164;
+    let readings = Readings {
+        place: None,
+        age: Some(50),
+        open: 0b111,
+        threshold: 0,
+        gain: [required; firmware::units::MAX_SUB_CHANNELS],
+        ..Readings::default()
+    };
+    let acts = |required: i16| act(&readings.observation(), Level::from_bits(required));
+    assert!(Action::JOINERS.contains(&acts(required)));
+    assert_eq!(acts(required + 1), Action::Silent);
+}
