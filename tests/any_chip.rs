@@ -146,17 +146,33 @@ fn record() -> Vec<u8> {
     bytes
 }
 
-/// What the host's library answers.
-fn answers(frames: &[u8]) -> Vec<u8> {
+/// What the modem says until an answer is due, and the answer that the host's library gives.
+struct Exchange {
+    frames: Vec<u8>,
+    answer: Vec<u8>,
+}
+
+/// The recording as exchanges. What comes behind the last answer has none.
+fn exchanges(recorded: &[u8]) -> Vec<Exchange> {
     // The recording tells the unit its number.
     let mut session = Session::new(Unit::new(DISTILLED, Identity(0)));
-    let requests = frames.iter().filter_map(|&byte| session.byte(byte));
-    requests
-        .flat_map(|request| match request {
-            Request::Answer(message) => encode(&message).unwrap(),
-            other => panic!("{other:?}"),
-        })
-        .collect()
+    let (mut exchanges, mut frames) = (Vec::new(), Vec::new());
+    for &byte in recorded {
+        frames.push(byte);
+        match session.byte(byte) {
+            None => {}
+            Some(Request::Answer(message)) => exchanges.push(Exchange {
+                frames: std::mem::take(&mut frames),
+                answer: encode(&message).unwrap().to_vec(),
+            }),
+            Some(other) => panic!("{other:?}"),
+        }
+    }
+    exchanges.push(Exchange {
+        frames,
+        answer: Vec::new(),
+    });
+    exchanges
 }
 
 fn golden(name: &str) -> PathBuf {
@@ -166,12 +182,12 @@ fn golden(name: &str) -> PathBuf {
 #[test]
 fn recorded_frames_have_their_recorded_answers() {
     let frames = record();
-    let answers = answers(&frames);
-    assert_eq!(
-        answers.iter().filter(|&&byte| byte == 0).count(),
-        SLOTS as usize,
-        "one answer for every slot"
-    );
+    let answers: Vec<Vec<u8>> = exchanges(&frames)
+        .into_iter()
+        .map(|exchange| exchange.answer)
+        .collect();
+    assert_eq!(answers.len(), SLOTS as usize + 1, "one answer for every slot");
+    let answers = answers.concat();
     for (name, bytes) in [("slots.frames", &frames), ("slots.answers", &answers)] {
         if std::env::var_os("BLESS").is_some() {
             std::fs::write(golden(name), bytes).unwrap();
@@ -294,20 +310,29 @@ impl Machine {
         Self { process, received }
     }
 
-    /// Sends the frames, and gives what comes until there are so many bytes.
-    fn converse(&mut self, frames: Vec<u8>, length: usize, place: &str) -> Vec<u8> {
-        let mut input = self.process.stdin.take().unwrap();
-        // The emulator takes bytes as its program reads them. An end of the input ends a program that reads the console.
-        let writer = std::thread::spawn(move || input.write_all(&frames));
-        let mut answers = Vec::new();
-        while answers.len() < length {
-            let bytes = self.received.recv_timeout(ANSWER_LIMIT);
-            answers
-                .extend(bytes.unwrap_or_else(|_| panic!("{place}: {} bytes, then nothing", answers.len())));
+    /// Plays the modem, which waits for a slot's answer before the next slot begins.
+    fn converse(&mut self, exchanges: &[Exchange], place: &str) {
+        let input = self.process.stdin.as_mut().unwrap();
+        for (slot, exchange) in exchanges.iter().enumerate() {
+            input.write_all(&exchange.frames).unwrap();
+            input.flush().unwrap();
+            let mut found = Vec::new();
+            while found.len() < exchange.answer.len() {
+                let bytes = self.received.recv_timeout(ANSWER_LIMIT);
+                found.extend(
+                    bytes.unwrap_or_else(|_| {
+                        panic!("{place}: slot {slot}: {} bytes, then nothing", found.len())
+                    }),
+                );
+            }
+            assert!(
+                found == exchange.answer,
+                "{place}: slot {slot}: found {found:?}, expected {:?}",
+                exchange.answer
+            );
         }
-        writer.join().unwrap().unwrap();
-        answers.extend(self.received.recv_timeout(SILENCE).unwrap_or_default());
-        answers
+        let more = self.received.recv_timeout(SILENCE);
+        assert!(more.is_err(), "{place}: behind the last answer: {more:?}");
     }
 }
 
@@ -320,43 +345,17 @@ impl Drop for Machine {
 
 #[test]
 fn every_chip_answers_as_the_host_does() {
+    let exchanges = exchanges(&record());
     for chip in &CHIPS {
-        answers_as_the_host(chip, "bare", "null");
-    }
-}
-
-/// The record comes at once, and the examples' lines hold 256 bytes: where the emulator runs ahead of its program, as it does
-/// with a Cortex-M0, frames are lost, which a modem's pace would not do.
-#[test]
-#[ignore = "needs a modem that keeps its pace: cargo test -p system-tests --test any_chip -- --ignored"]
-fn every_embassy_program_answers_as_the_host_does() {
-    for chip in &CHIPS {
-        if let Some(program) = chip.embassy {
-            answers_as_the_host(chip, program, "stdio");
+        // The bare program talks on the console of the emulator, the others on a serial line.
+        let serials = [("bare", "null")]
+            .into_iter()
+            .chain(chip.embassy.map(|program| (program, "stdio")));
+        for (program, serial) in serials {
+            let place = format!("{program} on {}", chip.qemu[2]);
+            let begin = std::time::Instant::now();
+            Machine::boot(chip, program, serial).converse(&exchanges, &place);
+            println!("{place}: {SLOTS} slots, {:.1} s", begin.elapsed().as_secs_f64());
         }
     }
-}
-
-fn answers_as_the_host(chip: &Chip, program: &str, serial: &str) {
-    let frames = record();
-    let expected = answers(&frames);
-    let place = format!("{program} on {}", chip.qemu[2]);
-    let begin = std::time::Instant::now();
-    let mut machine = Machine::boot(chip, program, serial);
-    let found = machine.converse(frames, expected.len(), &place);
-    let first = found
-        .iter()
-        .zip(&expected)
-        .position(|(found, expected)| found != expected);
-    assert!(
-        found == expected,
-        "{place}: {} bytes, expected {}, the first other one at {first:?}",
-        found.len(),
-        expected.len()
-    );
-    println!(
-        "{place}: {SLOTS} slots, {} bytes, {:.1} s",
-        found.len(),
-        begin.elapsed().as_secs_f64()
-    );
 }
