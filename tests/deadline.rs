@@ -8,8 +8,8 @@ use firmware::table::Table;
 use firmware::tables::DISTILLED;
 use host_sim::command::deadline::as_json;
 use host_sim::deadline::cycles::AROUND_INFERENCE;
-use host_sim::deadline::image::{Images, check_measuring, footprint};
-use host_sim::deadline::{Extent, report};
+use host_sim::deadline::{Extent, Images, STEPS, report};
+use host_sim::image::Image;
 
 const EXTENT: Extent = Extent {
     seed: 1,
@@ -36,9 +36,11 @@ const PINNED: [(&str, u64, u64); 9] = [
 
 #[test]
 fn a_slot_costs_what_is_claimed() {
-    let images = Images::build().unwrap_or_else(|error| panic!("{error}"));
+    let images = Images::build(|_| {}).unwrap_or_else(|error| panic!("{error}"));
     let table = Table::parse(DISTILLED).unwrap();
-    let report = report(&images, &EXTENT, &table).unwrap_or_else(|error| panic!("{error}"));
+    let mut steps = 0;
+    let report = report(&images, &EXTENT, &table, |_| steps += 1).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(steps, STEPS);
     let json = as_json(&report, &EXTENT);
     for network in [&report.actor, &report.small, &report.paper] {
         let kernel = network.counts.kernel;
@@ -82,14 +84,16 @@ fn a_slot_costs_what_is_claimed() {
     );
 
     // What is no image for the chip, or the wrong one of the two, is refused before anything runs.
-    let text = footprint(path.as_ref()).unwrap_err().to_string();
+    let text = Image::read(path.as_ref()).unwrap_err().to_string();
     assert!(
         text.ends_with("found no ELF file, expected the ELF file of an image for the STM32F405"),
         "{text}"
     );
     let program = std::env::current_exe().unwrap();
-    let text = footprint(&program).unwrap_err().to_string();
+    let text = Image::read(&program).unwrap_err().to_string();
     assert!(text.contains("found a program for another processor"), "{text}");
-    let text = check_measuring(&images.deployed).unwrap_err().to_string();
+    let text = Images::read(system_tests::image::elf(), system_tests::image::elf())
+        .unwrap_err()
+        .to_string();
     assert!(text.contains("found another program"), "{text}");
 }

@@ -1,16 +1,14 @@
 //! `host-sim deadline`: what a slot costs on the chip.
 
+use crate::command::options::progress_spinner;
 use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
-use crate::deadline::image::Images;
-use crate::deadline::{Extent, NetworkReport, Report, report};
+use crate::deadline::{Extent, Images, NetworkReport, Report, STEPS, report};
 use crate::report::table::{Column, Table};
 use crate::weight_table::WeightTable;
-use indicatif::{ProgressBar, ProgressStyle};
 use kit::error::{Error, Result};
 use kit::say;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Options of `deadline`.
 #[derive(Clone, Debug, clap::Args)]
@@ -48,23 +46,25 @@ pub struct DeadlineArguments {
 pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     let table = WeightTable::read_or_built_in(arguments.table.as_deref())?;
     let table = table.parse()?;
-    let progress = progress();
+    let progress = progress_spinner();
     progress.set_message("building the images");
     let images = match (&arguments.measuring, &arguments.deployed) {
-        (Some(measuring), Some(deployed)) => Images {
-            deployed: deployed.clone(),
-            measuring: measuring.clone(),
-        },
-        _ => Images::build()?,
+        (Some(measuring), Some(deployed)) => Images::read(deployed, measuring)?,
+        _ => Images::build(|package| progress.set_message(format!("building the images: {package}")))?,
     };
-    progress.set_message("counting instructions in QEMU");
     let extent = Extent {
         seed: arguments.seed,
         slots: arguments.slots,
         sub_channels: arguments.sub_channels,
         inputs: arguments.inputs,
     };
-    let report = report(&images, &extent, &table)?;
+    let mut steps = 0;
+    let report = report(&images, &extent, &table, |step| {
+        steps += 1;
+        progress.set_message(format!(
+            "{steps} of {STEPS}: counting instructions in QEMU, {step}"
+        ));
+    })?;
     progress.finish_and_clear();
     if report.actor.counts.kernel.min != report.actor.counts.kernel.max {
         return Err(Error::input(
@@ -83,16 +83,6 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
         say!("{}", text.trim_end());
     }
     Ok(())
-}
-
-/// On stderr.
-fn progress() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }
 
 /// The report's JSON object.

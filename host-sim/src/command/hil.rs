@@ -1,9 +1,9 @@
 //! `host-sim hil`: images in QEMU as vehicles of the simulated cell.
 
-use crate::command::options::{ScenarioArguments, progress_bar};
+use crate::command::options::{ScenarioArguments, progress_bar, progress_spinner};
 use crate::hil::emulator::check_installed;
-use crate::hil::fleet::{Fleet, FleetResult, INSTRUCTION_SHIFT};
-use crate::hil::image::{self, Image};
+use crate::hil::fleet::{ANSWER_LIMIT, Fleet, FleetResult, INSTRUCTION_SHIFT};
+use crate::image::{Image, build};
 use crate::mobility::Grid;
 use crate::policy::actor;
 use crate::scenario::Scenario;
@@ -62,9 +62,15 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
         return Err(Error::input("--units", arguments.units, expected));
     }
     check_installed()?;
+    let built = || {
+        let progress = progress_spinner();
+        let path = build::deployed(|package| progress.set_message(format!("building the image: {package}")));
+        progress.finish_and_clear();
+        path
+    };
     let image = match &arguments.elf {
         Some(path) => Image::read(path)?,
-        None => Image::read(&image::build()?)?,
+        None => Image::read(&built()?)?,
     };
     let library_mean_ms = library_mean_age_ms(arguments, &scenario)?;
     let fleet = Fleet {
@@ -74,6 +80,7 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
         slots: arguments.slots,
         seed: arguments.seed,
         port: arguments.port,
+        answer_limit: ANSWER_LIMIT,
     };
     let template = "{bar:40} {pos}/{len} slots, {per_sec}, {eta} left";
     let progress = progress_bar(u64::from(arguments.slots), template, arguments.json);

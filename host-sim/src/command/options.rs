@@ -9,6 +9,7 @@ use kit::error::{Error, Result};
 use kit::layers::sets;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Which scenario.
 #[derive(Clone, Debug, clap::Args)]
@@ -84,4 +85,14 @@ pub fn progress_bar(steps: u64, template: &str, hidden: bool) -> ProgressBar {
     }
     let style = ProgressStyle::with_template(template);
     ProgressBar::new(steps).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// For work whose length is not known: a message and the time it has taken, on stderr.
+pub fn progress_spinner() -> ProgressBar {
+    let spinner = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
+        spinner.set_style(style);
+    }
+    spinner.enable_steady_tick(Duration::from_millis(200));
+    spinner
 }

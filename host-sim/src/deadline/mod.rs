@@ -2,22 +2,52 @@
 
 pub mod cycles;
 mod emulator;
-pub mod image;
 pub mod network;
 
+use crate::image::{Footprint, Image, build};
 use firmware::link::{Levels, MeasurementFrame, ModemFrame};
 use firmware::network::Network;
 use firmware::table::Table;
-use image::{Footprint, Images};
 use kit::error::{Error, Result};
 use network::PackedNetwork;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
+use std::path::Path;
 
 /// First word of a job for the measuring image.
 const MAGIC: [u8; 4] = *b"FLMJ";
 /// Widths in a job's entry.
 const JOB_WIDTHS: usize = 5;
+
+/// The two programs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Images {
+    deployed: Image,
+    measuring: Image,
+}
+
+impl Images {
+    /// The one that is flashed, and the one that counts instructions in the emulator.
+    ///
+    /// # Errors
+    /// As [`Image::read`], and for a measuring image that does not measure: it would run for ever and say nothing.
+    pub fn read(deployed: &Path, measuring: &Path) -> Result<Self> {
+        let measuring = Image::read(measuring)?;
+        let _ = measuring.address("7measure", "the image `measure` of the package `firmware`")?;
+        Ok(Self {
+            deployed: Image::read(deployed)?,
+            measuring,
+        })
+    }
+
+    /// Builds both, and says which package is done.
+    ///
+    /// # Errors
+    /// If Cargo is missing or a build fails, with its first error.
+    pub fn build(mut done: impl FnMut(&str)) -> Result<Self> {
+        Self::read(&build::deployed(&mut done)?, &build::measuring(&mut done)?)
+    }
+}
 
 /// What to measure with.
 #[derive(Clone, Copy, Debug)]
@@ -125,13 +155,19 @@ const LARGE_SHARE: u32 = 50;
 /// Most bytes of a table, beside the few other words of its job: the measuring image leaves 768 KiB of flash.
 const MOST_TABLE: usize = (768 << 10) - 64;
 
-/// Measures everything, with this table in the slots.
+/// How many steps [`report`] says before it takes them.
+pub const STEPS: u64 = 5;
+
+/// Measures everything, with this table in the slots, and says each step before it takes it.
 ///
 /// # Errors
 /// A missing emulator, an image that is none, and measurements that contradict each other.
-pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Report> {
-    let footprint = image::footprint(&images.deployed)?;
-    image::check_measuring(&images.measuring)?;
+pub fn report(
+    images: &Images,
+    extent: &Extent,
+    table: &Table<'_>,
+    mut step: impl FnMut(&str),
+) -> Result<Report> {
     let length = table.bytes().len();
     if length > MOST_TABLE {
         let expected = format!("at most {MOST_TABLE}, which fit the chip's flash beside the image");
@@ -139,7 +175,8 @@ pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Rep
     }
     let random = |widths: &[usize]| PackedNetwork::random(extent.seed, widths);
     // One job each: two large networks have no room beside each other.
-    let measured = |network: PackedNetwork| {
+    let mut measured = |network: PackedNetwork| {
+        step(&format!("inferences of {}", network.name()));
         let large = network.bytes.len() > LARGE;
         let subject = Subject {
             inputs: extent.inputs.div_ceil(if large { LARGE_SHARE } else { 1 }),
@@ -153,6 +190,7 @@ pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Rep
     let mut actor = measured(PackedNetwork::of_table(table))?;
     let small = measured(random(&SMALL)?)?;
     let paper = measured(random(&PAPER)?)?;
+    step(&format!("{} slots", extent.slots));
     let stages = measure_slots(images, extent.seed, extent.slots, extent.sub_channels, table)?;
     let stage = |name: &str| stages.iter().find(|stage| stage.name == name);
     let (Some(infer), Some(slot)) = (stage("infer"), stage("slot")) else {
@@ -163,9 +201,12 @@ pub fn report(images: &Images, extent: &Extent, table: &Table<'_>) -> Result<Rep
     let slot = slot.range;
     let around = slot.max.saturating_sub(actor.counts.kernel.max);
     let slot_cycles = actor.cycles + cycles::compiled_cycles(around);
+    step("the stack");
+    let footprint = images.deployed.footprint().clone();
+    let stack = emulator::stack(images.deployed.path(), &footprint.stack, &frames(extent.seed))?;
     Ok(Report {
         slot_cycles,
-        stack: emulator::stack(&images.deployed, &footprint.stack, &frames(extent.seed))?,
+        stack,
         stages: stages
             .iter()
             .filter(|stage| stage.name != "slot")
@@ -198,9 +239,8 @@ fn network_report(subject: &Subject, counts: NetworkCounts) -> Result<NetworkRep
             "the same bits",
         ));
     }
-    let name: Vec<String> = widths.iter().map(usize::to_string).collect();
     Ok(NetworkReport {
-        name: name.join("-"),
+        name: subject.network.name(),
         counts,
         kernel_instructions: cycles::kernel_cost(&network).instructions,
         cycles: cycles::inference_cycles(&network, counts.kernel.max),
@@ -237,7 +277,7 @@ pub fn measure_slots(
 }
 
 fn measure(images: &Images, job: &[u8]) -> Result<(Vec<NetworkCounts>, Vec<Stage>)> {
-    let lines = emulator::measure(&images.measuring, job)?;
+    let lines = emulator::measure(images.measuring.path(), job)?;
     let (mut networks, mut stages) = (Vec::new(), Vec::new());
     for line in &lines {
         let words: Vec<&str> = line.split_whitespace().collect();

@@ -16,6 +16,12 @@ pub struct PackedNetwork {
 }
 
 impl PackedNetwork {
+    /// Its widths, as in 7-64-32-4.
+    pub fn name(&self) -> String {
+        let widths: Vec<String> = self.widths.iter().map(usize::to_string).collect();
+        widths.join("-")
+    }
+
     /// That of a table.
     pub fn of_table(table: &Table<'_>) -> Self {
         let bytes = table.bytes();

@@ -1,10 +1,10 @@
 //! The slots of a cell whose first vehicles are emulated images, each shadowed by the library's unit.
 
 use super::emulator::{Emulator, Setup};
-use super::image::Image;
 use crate::age::{AgeCounter, AgeSummary};
 use crate::decisions::Decisions;
 use crate::environment::Environment;
+use crate::image::Image;
 use crate::mobility::Grid;
 use crate::scenario::Scenario;
 use crate::stream::Purpose;
@@ -24,8 +24,8 @@ pub const INSTRUCTION_SHIFT: u8 = 4;
 /// TIM2 of the emulated machine counts nanoseconds.
 const TIMER_STEPS_PER_INSTRUCTION: u32 = 1 << INSTRUCTION_SHIFT;
 
-/// For one answer. An answer takes well under a millisecond; the machine may be loaded.
-const ANSWER_LIMIT: Duration = Duration::from_secs(30);
+/// For one answer (chosen). An answer takes well under a millisecond; the machine may be loaded.
+pub const ANSWER_LIMIT: Duration = Duration::from_secs(30);
 
 /// How often an image is asked for its last answer's count, and how long apart (chosen).
 const COUNT_TRIES: u32 = 100;
@@ -46,14 +46,16 @@ pub struct Fleet<'a> {
     pub seed: u64,
     /// First port of the units' serial lines; free ones without it.
     pub port: Option<u16>,
+    /// How long a unit may take for an answer before its emulator counts as stopped.
+    pub answer_limit: Duration,
 }
 
 /// What came of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FleetResult {
-    /// Decisions of the images that are not the library's, and missing ones.
+    /// Decisions of the images that are not the library's.
     pub mismatches: u64,
-    /// Answers that took longer than the slot leaves, by the images' own timers, and missing ones.
+    /// Answers that took longer than the slot leaves, by the images' own timers.
     pub deadline_misses: u64,
     /// Answers of the images.
     pub answers: u64,
@@ -75,8 +77,11 @@ impl Fleet<'_> {
     /// Boots the images and runs the slots.
     ///
     /// # Errors
-    /// As [`Emulator::boot`], and if an image ends before its time.
+    /// As [`Emulator::boot`], and if an image ends before its time or does not answer.
     pub fn run(&self, mut each_slot: impl FnMut()) -> Result<FleetResult> {
+        let slot_cost = self
+            .image
+            .address("SLOT_COST", "an image that counts what its answers cost")?;
         let source = Grid;
         let mut cell = Environment::new(self.scenario, &source, self.seed, Purpose::Evaluation, 0..1);
         let mut pairs = (0..self.units)
@@ -86,7 +91,7 @@ impl Fleet<'_> {
             .map(|vehicle| Unit::new(DISTILLED, cell.identity(0, vehicle)))
             .collect();
         let mut ages = AgeCounter::new(0, 1, cell.vehicles());
-        let (mut mismatches, mut missing) = (0, 0);
+        let mut mismatches = 0;
         let mut decisions = Decisions::new(1, cell.vehicles());
         for slot in 0..self.slots {
             decisions.clear();
@@ -117,12 +122,13 @@ impl Fleet<'_> {
                     continue;
                 };
                 let expected = pair.shadow.slot(event).map(|report| UnitFrame::from(&report));
-                let answer = match pair.image.receive(ANSWER_LIMIT)? {
-                    Some(UnitMessage::Decision(answer)) => Some(answer),
+                let message = pair.image.receive(self.answer_limit)?;
+                let message = message.ok_or_else(|| self.silent(*vehicle, slot))?;
+                let answer = match message {
+                    UnitMessage::Decision(answer) => Some(answer),
                     _ => None,
                 };
                 mismatches += u64::from(answer != expected);
-                missing += u64::from(answer.is_none());
                 let decision = answer.and_then(|answer| answer.decision());
                 decisions.set(0, *vehicle, decision.unwrap_or(Decision::Silent));
             }
@@ -134,16 +140,28 @@ impl Fleet<'_> {
             .ok_or_else(|| Error::input("slots", self.slots, "at least one"))?;
         let mut result = FleetResult {
             mismatches,
-            deadline_misses: missing,
+            deadline_misses: 0,
             answers: 0,
             min_instructions: u32::MAX,
             max_instructions: 0,
             ages,
         };
         for pair in &mut pairs {
-            self.add_cost(&mut pair.image, &mut result)?;
+            self.add_cost(&mut pair.image, slot_cost, &mut result)?;
         }
         Ok(result)
+    }
+
+    fn silent(&self, unit: usize, slot: u32) -> Error {
+        let found = format!(
+            "no answer to slot {slot} in {} s",
+            self.answer_limit.as_secs_f64()
+        );
+        Error::input(
+            format!("unit {unit}"),
+            found,
+            "one within a slot; its emulator may be stopped",
+        )
     }
 
     fn boot(&self, unit: u32, identity: Identity) -> Result<Pair> {
@@ -153,7 +171,7 @@ impl Fleet<'_> {
             .transpose()?;
         let mut image = Emulator::boot(&Setup {
             name: format!("unit {unit}"),
-            elf: self.image.path.clone(),
+            elf: self.image.path().to_owned(),
             instruction_shift: Some(INSTRUCTION_SHIFT),
             loaded: Vec::new(),
             port,
@@ -171,8 +189,8 @@ impl Fleet<'_> {
     }
 
     /// What an image has counted so far.
-    fn slot_cost(&self, image: &mut Emulator) -> Result<[u32; 4]> {
-        let bytes = image.memory(self.image.slot_cost, 16)?;
+    fn slot_cost(image: &mut Emulator, address: u64) -> Result<[u32; 4]> {
+        let bytes = image.memory(address, 16)?;
         match bytes.as_chunks::<4>().0 {
             [answers, minimum, maximum, misses] => {
                 Ok([answers, minimum, maximum, misses].map(|word| u32::from_le_bytes(*word)))
@@ -182,15 +200,15 @@ impl Fleet<'_> {
     }
 
     /// Adds what an image has counted: answers, fewest and most timer steps, missed deadlines.
-    fn add_cost(&self, image: &mut Emulator, result: &mut FleetResult) -> Result<()> {
-        let mut words = self.slot_cost(image)?;
+    fn add_cost(&self, image: &mut Emulator, address: u64, result: &mut FleetResult) -> Result<()> {
+        let mut words = Self::slot_cost(image, address)?;
         for _ in 0..COUNT_TRIES {
             // An image counts an answer after it has sent it.
             if words[0] >= self.slots {
                 break;
             }
             std::thread::sleep(COUNT_PAUSE);
-            words = self.slot_cost(image)?;
+            words = Self::slot_cost(image, address)?;
         }
         let [answers, minimum, maximum, misses] = &words;
         result.answers += u64::from(*answers);

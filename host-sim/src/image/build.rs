@@ -1,0 +1,76 @@
+//! The package `firmware`, built where its sources are and as its users build it.
+
+use kit::error::{Error, Result};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Builds the image that is flashed, says which package is done, and gives the image's path.
+///
+/// # Errors
+/// [`Error::Input`] with Cargo's first error.
+pub fn deployed(done: impl FnMut(&str)) -> Result<PathBuf> {
+    build("firmware", &[], done)
+}
+
+/// Builds the image that counts instructions in the emulator, beside the one that is flashed and with the same
+/// dependencies: what is built for the one is there for the other.
+///
+/// # Errors
+/// As [`deployed`].
+pub fn measuring(done: impl FnMut(&str)) -> Result<PathBuf> {
+    build("measure", &["--features", "measure"], done)
+}
+
+fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Result<PathBuf> {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
+        .args(["build", "-p", "firmware", "--bin", program])
+        .args(["--profile", "firmware", "--target", TARGET])
+        .args(["--message-format", "json-render-diagnostics"])
+        .args(arguments)
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|error| wrong_build(&error.to_string()))?;
+    let mut errors = cargo.stderr.take().ok_or_else(|| wrong_build("no output"))?;
+    // Read beside the messages, so that neither pipe fills while the other one is read.
+    let words = std::thread::spawn(move || {
+        let mut words = Vec::new();
+        let _ = errors.read_to_end(&mut words);
+        words
+    });
+    let mut executable = None;
+    let messages = cargo.stdout.take().ok_or_else(|| wrong_build("no output"))?;
+    for line in BufReader::new(messages)
+        .lines()
+        .map_while(std::result::Result::ok)
+    {
+        let Ok(message) = serde_json::from_str::<Value>(&line) else {
+            continue;
+        };
+        if let Some(name) = message.pointer("/target/name").and_then(Value::as_str) {
+            done(name);
+        }
+        if let Some(path) = message.get("executable").and_then(Value::as_str) {
+            executable = Some(PathBuf::from(path));
+        }
+    }
+    let status = cargo.wait().map_err(|error| wrong_build(&error.to_string()))?;
+    if !status.success() {
+        let words = words.join().unwrap_or_default();
+        let words = String::from_utf8_lossy(&words);
+        let error = words.lines().find(|line| line.starts_with("error"));
+        return Err(wrong_build(error.unwrap_or("a failure without an error")));
+    }
+    executable.ok_or_else(|| wrong_build("no executable"))
+}
+
+fn wrong_build(found: &str) -> Error {
+    let expected = format!("a build for {TARGET} (`rustup target add {TARGET}` if the target is missing)");
+    Error::input("cargo build -p firmware", found, expected)
+}
