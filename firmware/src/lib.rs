@@ -100,7 +100,7 @@
 //! * `defmt`: logging through [defmt](https://defmt.ferrous-systems.com). The image logs over RTT; whoever else enables it must define a
 //!   `#[defmt::global_logger]`.
 //! * `semihosting`: the image logs over semihosting, for an emulator.
-//! * `no-panic-proof`: the image links only if nothing in it can panic. It accepts no table over the air.
+//! * `no-panic-proof`: the program of this name links only if nothing in it can panic. It accepts no table over the air.
 //! * `measure`: the program that counts the image's instructions in an emulator.
 //!
 //! # Processors

@@ -24,7 +24,7 @@ pub const STACK_LENGTH: usize = 8 << 10;
 /// If the build fails, with Cargo's own words.
 pub fn elf() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
-    IMAGE.get_or_init(|| build("release", &[]))
+    IMAGE.get_or_init(|| build("release", "firmware", &[]))
 }
 
 /// The same with logging over RTT.
@@ -33,7 +33,7 @@ pub fn elf() -> &'static Path {
 /// If the build fails, with Cargo's own words.
 pub fn elf_with_defmt() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
-    IMAGE.get_or_init(|| build("defmt", &["--features", "defmt"]))
+    IMAGE.get_or_init(|| build("defmt", "firmware", &["--features", "defmt"]))
 }
 
 /// The image that links only if it cannot panic.
@@ -42,15 +42,15 @@ pub fn elf_with_defmt() -> &'static Path {
 /// If the build fails, with the linker's own words.
 pub fn proof_elf() -> &'static Path {
     static IMAGE: OnceLock<PathBuf> = OnceLock::new();
-    IMAGE.get_or_init(|| build("proof", &["--features", "no-panic-proof"]))
+    IMAGE.get_or_init(|| build("proof", "no-panic-proof", &["--features", "no-panic-proof"]))
 }
 
 /// Builds a variant and keeps it under its own name. Variants share what they depend on, so one directory serves them all;
 /// the lock keeps another test program from building its variant over this one before it is copied.
-fn build(name: &str, arguments: &[&str]) -> PathBuf {
+fn build(name: &str, program: &str, arguments: &[&str]) -> PathBuf {
     // A test program lies in TARGET/PROFILE/deps, wherever the caller has put TARGET.
-    let program = std::env::current_exe().unwrap();
-    let directory = program.ancestors().nth(3).unwrap().join("image");
+    let test_program = std::env::current_exe().unwrap();
+    let directory = test_program.ancestors().nth(3).unwrap().join("image");
     std::fs::create_dir_all(&directory).unwrap();
     let lock = std::fs::File::create(directory.join("variants.lock")).unwrap();
     lock.lock().unwrap();
@@ -59,6 +59,8 @@ fn build(name: &str, arguments: &[&str]) -> PathBuf {
             "build",
             "-p",
             "firmware",
+            "--bin",
+            program,
             "--profile",
             "firmware",
             "--target",
@@ -77,7 +79,7 @@ fn build(name: &str, arguments: &[&str]) -> PathBuf {
         "the image does not build (`rustup target add {TARGET}` if the target is missing):\n{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    let built = directory.join(TARGET).join("firmware").join("firmware");
+    let built = directory.join(TARGET).join("firmware").join(program);
     // Under another program's eyes the old copy must stay whole: replace it in one step.
     let (fresh, path) = (directory.join(format!("{name}.new")), directory.join(name));
     std::fs::copy(&built, &fresh)

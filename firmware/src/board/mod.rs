@@ -17,7 +17,7 @@
 //! `decide` preempts an update, so slots are decided while a signature is checked; the exception is a sector's erase
 //! ([`flash`]).
 //!
-//! Nothing on the way from a frame to its answer can panic; the feature `no-panic-proof` makes the linker prove it.
+//! Nothing on the way from a frame to its answer can panic; the program `no-panic-proof` is the linker's proof.
 
 mod clocks;
 mod device_id;
