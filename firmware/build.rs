@@ -78,6 +78,28 @@ fn link_image() -> Result<(), Box<dyn Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
     fs::copy(MEMORY_MAP, out.join("memory.x")).map_err(|error| format!("{MEMORY_MAP}: {error}"))?;
     println!("cargo::rustc-link-search={}", out.display());
+    // A program's place in flash is in a file of one name in a folder of its own.
+    let maps = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?).join("maps");
+    println!("cargo::rerun-if-changed=maps");
+    let image_update = env::var_os("CARGO_FEATURE_IMAGE_UPDATE").is_some();
+    for (program, map, is_built) in [
+        ("firmware", "image", true),
+        ("measure", "image", env::var_os("CARGO_FEATURE_MEASURE").is_some()),
+        (
+            "no-panic-proof",
+            "image",
+            env::var_os("CARGO_FEATURE_NO_PANIC_PROOF").is_some(),
+        ),
+        ("boot-loader", "boot-loader", image_update),
+        ("renewable", "renewable", image_update),
+    ] {
+        if is_built {
+            println!(
+                "cargo::rustc-link-arg-bin={program}=-L{}",
+                maps.join(map).display()
+            );
+        }
+    }
     // Here and not in `.cargo/config.toml`: a RUSTFLAGS variable replaces the flags there, and the image links empty.
     println!("cargo::rustc-link-arg-bins=--nmagic");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");

@@ -124,6 +124,7 @@ pub mod clock;
 pub mod decision;
 pub mod form;
 pub mod health;
+pub mod image_store;
 pub mod link;
 pub mod lots;
 pub mod measurement;

@@ -4,6 +4,10 @@
 #[cfg(target_os = "none")]
 mod board;
 
+/// Whether a boot loader has started this program and can exchange it: see `maps`.
+#[cfg(target_os = "none")]
+const IS_RENEWABLE: bool = false;
+
 #[cfg(not(target_os = "none"))]
 mod host;
 

@@ -10,6 +10,7 @@ mod description;
 mod flash;
 mod form;
 mod golden;
+mod image_store;
 mod link;
 #[cfg(feature = "defmt")]
 mod logging;

@@ -5,8 +5,8 @@ use crate::readings::Readings;
 use crate::table_builder::Contents;
 use firmware::decision::{ACTIONS, Decision};
 use firmware::link::{
-    ClockSource, Counters, ModemFrame, Receiver, ResetCause, StatusFrame, TableStatus, Trial, UnitFrame,
-    UnitMessage, encode,
+    ClockSource, Counters, ImageStatus, ModemFrame, Receiver, ResetCause, StatusFrame, TableStatus, Trial,
+    UnitFrame, UnitMessage, encode,
 };
 use firmware::lots::Identity;
 use firmware::observation::INPUTS;
@@ -313,6 +313,10 @@ fn a_unit_says_how_it_is() {
         reset: ResetCause::Unknown,
         clock: ClockSource::Emulated,
         stack_bytes: u16::MAX,
+        image: ImageStatus {
+            version: u32::MAX,
+            on_trial: true,
+        },
     };
     // The same bytes as `python/tests/test_modem.py` has.
     let some = StatusFrame {
@@ -334,12 +338,16 @@ fn a_unit_says_how_it_is() {
         reset: ResetCause::BrownOut,
         clock: ClockSource::Internal,
         stack_bytes: 4_000,
+        image: ImageStatus {
+            version: 9,
+            on_trial: true,
+        },
     };
     let wire = encode(&UnitMessage::Status(some)).unwrap();
     let hex: String = wire.iter().map(|byte| format!("{byte:02x}")).collect();
     assert_eq!(
         hex,
-        "1f02078cdfe2f90e01080603c0843df09309c8011e04010301a01f3d77a3e700"
+        "2102078cdfe2f90e01080603c0843df09309c8011e04010301a01f0901a2d2954300"
     );
     let message = UnitMessage::Status(status);
     let wire = encode(&message).unwrap();

@@ -10,9 +10,19 @@ pub fn package(table: &[u8], version: u32, secret: &[u8; 32]) -> Vec<u8> {
     package_of(u32::try_from(table.len()).unwrap(), table, version, secret)
 }
 
-/// The same with a header that states this length.
+/// A package with an image.
+pub fn image_package(image: &[u8], version: u32, secret: &[u8; 32]) -> Vec<u8> {
+    let length = u32::try_from(image.len()).unwrap();
+    signed(*b"FLIM", length, image, version, secret)
+}
+
+/// A table's package with a header that states this length.
 pub fn package_of(length: u32, table: &[u8], version: u32, secret: &[u8; 32]) -> Vec<u8> {
-    let mut bytes = b"FLPK".to_vec();
+    signed(*b"FLPK", length, table, version, secret)
+}
+
+fn signed(magic: [u8; 4], length: u32, table: &[u8], version: u32, secret: &[u8; 32]) -> Vec<u8> {
+    let mut bytes = magic.to_vec();
     bytes.extend(2_u32.to_le_bytes());
     bytes.extend(version.to_le_bytes());
     bytes.extend(length.to_le_bytes());

@@ -15,7 +15,7 @@ use firmware::lots::Identity;
 use firmware::observation::INPUTS;
 use firmware::session::{Request, Session};
 use firmware::table::Table;
-use firmware::table_store::package::{Header, HeaderBytes, MAX_VERSION};
+use firmware::table_store::package::{Content, Header, HeaderBytes, MAX_VERSION};
 use firmware::table_store::{
     Key, MAX_ERASES, MAX_PACKAGE, MAX_TABLE, PackageError, SLOT_LEN, Slot, SlotFlash, TABLE_OFFSET,
     TableStore, inspect,
@@ -215,7 +215,7 @@ fn updates_alternate_between_the_slots_and_survive_a_restart() {
 #[test]
 fn every_flipped_bit_is_refused() {
     let good = package(DISTILLED, 9, &TEST_SECRET);
-    let found = Header::check(header(&good), &KEY).unwrap();
+    let found = Header::check(header(&good), Content::Table, &KEY).unwrap();
     assert_eq!((found.version, found.length), (9, DISTILLED.len() as u32));
     let check = |package: &[u8]| {
         let mut slot = slot(package);

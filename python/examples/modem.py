@@ -38,6 +38,7 @@ REFUSALS = (
     "digest",
     "on trial",
     "worn",
+    "no boot loader",
 )
 TRIALS = ("none", "waiting", "running")
 RESETS = ("watchdog", "software", "power on", "brown-out", "pin", "unknown")
@@ -250,6 +251,16 @@ class Commit(Frame):
 
 
 @dataclass(frozen=True)
+class BeginImage(Frame):
+    """An image's signed package of this length is coming; its chunks and its commit are as a table's."""
+
+    VARIANT = (3, 3)
+    KINDS = ("u32",)
+
+    length: int
+
+
+@dataclass(frozen=True)
 class Identity(Frame):
     """The number under which the base station knows the vehicle."""
 
@@ -295,7 +306,7 @@ class Continue(Frame):
 
 @dataclass(frozen=True)
 class Stored(Frame):
-    """The table of this version is complete, and will be tried: `Status` says how that goes."""
+    """The table or the image of this version is complete, and will be tried: `Status` says how that goes."""
 
     VARIANT = (1, 1)
     KINDS = ("u32",)
@@ -326,7 +337,7 @@ class Status(Frame):
     """How a unit is."""
 
     VARIANT = (2,)
-    KINDS = ("u32", "u32", "trial", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u8", "u8", "u16")
+    KINDS = ("u32", "u32", "trial", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u32", "u8", "u8", "u16", "u32", "flag")
 
     version: int
     """Of the running table, 0 for the one that is built in."""
@@ -347,6 +358,10 @@ class Status(Frame):
     clock: int
     """Which of `CLOCKS`."""
     stack_bytes: int
+    image_version: int
+    """0 if the image's build named none."""
+    image_on_trial: bool
+    """Whether the next start takes the image back unless it proves itself."""
 
 
 FROM_MODEM: tuple[type[Frame], ...] = (
@@ -356,6 +371,7 @@ FROM_MODEM: tuple[type[Frame], ...] = (
     Begin,
     Chunk,
     Commit,
+    BeginImage,
     Identity,
     StatusRequest,
 )

@@ -24,7 +24,7 @@ FRAME = bytes(
     + [32, 128, 120, 200, 171, 138, 25, 0]
 )
 # A status, from `firmware/tests/session.rs`.
-STATUS = "1f02078cdfe2f90e01080603c0843df09309c8011e04010301a01f3d77a3e700"
+STATUS = "2102078cdfe2f90e01080603c0843df09309c8011e04010301a01f0901a2d2954300"
 ANSWER = bytes([1, 7, 239, 7, 1, 1, 128, 120, 5, 132, 159, 192, 14, 0])
 
 
@@ -71,7 +71,7 @@ def test_recorded_frames_come_back_to_the_byte_and_have_their_answers() -> None:
 
 
 def test_frames_of_an_update() -> None:
-    for frame in (modem.Begin(3_100), modem.Chunk(64, bytes(range(32))), modem.Commit(), modem.StatusRequest()):
+    for frame in (modem.Begin(3_100), modem.Chunk(64, bytes(range(32))), modem.Commit(), modem.BeginImage(64_000), modem.StatusRequest()):
         assert modem.decode(modem.encode(frame)[:-1], modem.FROM_MODEM) == frame
     for frame in (modem.Continue(96), modem.Stored(4), modem.Refused(10), modem.Busy()):
         assert modem.decode(modem.encode(frame)[:-1], modem.FROM_UNIT) == frame
@@ -85,6 +85,7 @@ def test_a_status() -> None:
     assert (status.version, status.checksum, status.trial) == (7, 0xEF38AF8C, (1, 8))
     assert modem.RESETS[status.reset] == "brown-out" and modem.CLOCKS[status.clock] == "internal"
     assert (status.slots, status.doubted_frames, status.stack_bytes) == (1_000_000, 1, 4_000)
+    assert (status.image_version, status.image_on_trial) == (9, True)
 
 
 @pytest.mark.parametrize("position", range(len(FRAME) - 1))

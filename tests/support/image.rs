@@ -45,6 +45,24 @@ pub fn proof_elf() -> &'static Path {
     IMAGE.get_or_init(|| build("proof", "no-panic-proof", &["--features", "no-panic-proof"]))
 }
 
+/// The image that the boot loader starts, of version 7.
+///
+/// # Panics
+/// If the build fails, with Cargo's own words.
+pub fn renewable_elf() -> &'static Path {
+    static IMAGE: OnceLock<PathBuf> = OnceLock::new();
+    IMAGE.get_or_init(|| build("renewable", "renewable", &["--features", "image-update"]))
+}
+
+/// The boot loader.
+///
+/// # Panics
+/// If the build fails, with Cargo's own words.
+pub fn boot_loader_elf() -> &'static Path {
+    static IMAGE: OnceLock<PathBuf> = OnceLock::new();
+    IMAGE.get_or_init(|| build("boot-loader", "boot-loader", &["--features", "image-update"]))
+}
+
 /// Builds a variant and keeps it under its own name. Variants share what they depend on, so one directory serves them all;
 /// the lock keeps another test program from building its variant over this one before it is copied.
 fn build(name: &str, program: &str, arguments: &[&str]) -> PathBuf {
@@ -71,6 +89,7 @@ fn build(name: &str, program: &str, arguments: &[&str]) -> PathBuf {
         .arg(&directory)
         // The tests sign with the test key.
         .env_remove("FRESHLANE_TABLE_KEY")
+        .env("FRESHLANE_IMAGE_VERSION", "7")
         .current_dir(workspace())
         .output()
         .unwrap_or_else(|error| panic!("cargo does not start: {error}"));

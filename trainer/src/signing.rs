@@ -1,12 +1,13 @@
-//! Keys for tables as PKCS#8 files, and packages signed with them.
+//! Keys for tables and images as PKCS#8 files, and packages signed with them.
 
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
 use ed25519_dalek::pkcs8::{DecodePrivateKey, EncodePrivateKey};
 use ed25519_dalek::{Signer, SigningKey};
 use firmware::table::Table;
 use firmware::table_store::key::{DIGEST_LEN, Digest, MINIMUM_VERSION, is_sound};
-use firmware::table_store::package::{FORMAT, HEADER_LEN, Header, HeaderBytes, MAGIC, MAX_VERSION};
+use firmware::table_store::package::{Content, FORMAT, HEADER_LEN, Header, HeaderBytes, MAX_VERSION};
 use firmware::table_store::{Key, MAX_TABLE};
+use host_sim::image::{Image, RENEWABLE};
 use kit::error::{Error, Result};
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -120,17 +121,39 @@ impl TableKey {
                 format!("at most {expected}, the room of a slot"),
             ));
         }
+        self.package(Content::Table, table, version)
+    }
+
+    /// A package of this image, under the version that is in it.
+    ///
+    /// # Errors
+    /// An image that no boot loader starts, or that names no version.
+    pub fn sign_image(&self, image: &Image) -> Result<Vec<u8>> {
+        let place = image.path().display();
+        if image.start() != RENEWABLE {
+            let expected = "one that a boot loader starts (`cargo build --bin renewable`)";
+            return Err(Error::input(place, "an image that stands alone", expected));
+        }
+        let version = image.version()?;
+        if version == 0 || version > MAX_VERSION {
+            let expected = format!("1 to {MAX_VERSION}: build it with FRESHLANE_IMAGE_VERSION=NUMBER");
+            return Err(Error::input(place, format!("version {version}"), expected));
+        }
+        self.package(Content::Image, image.flash(), version)
+    }
+
+    fn package(&self, kind: Content, content: &[u8], version: u32) -> Result<Vec<u8>> {
         let mut digest = Digest::new();
-        digest.update(table);
+        digest.update(content);
         let digest: [u8; DIGEST_LEN] = digest.finish();
-        let words = [FORMAT, version, table.len() as u32].map(u32::to_le_bytes);
-        let mut package = [&MAGIC, words.as_flattened(), &digest].concat();
+        let words = [FORMAT, version, content.len() as u32].map(u32::to_le_bytes);
+        let mut package = [&kind.magic(), words.as_flattened(), &digest].concat();
         let signature = self.0.sign(&package);
         package.extend(signature.to_bytes());
         debug_assert_eq!(package.len(), HEADER_LEN);
         let header: Option<&HeaderBytes> = package.as_chunks().0.first_chunk();
         let sound = is_sound(&self.public().0);
-        match header.map(|header| Header::check(header, &self.public())) {
+        match header.map(|header| Header::check(header, kind, &self.public())) {
             Some(Ok(_)) if sound => {}
             outcome => {
                 return Err(Error::input(
@@ -140,7 +163,7 @@ impl TableKey {
                 ));
             }
         }
-        package.extend(table);
+        package.extend(content);
         Ok(package)
     }
 }
@@ -181,7 +204,7 @@ mod tests {
                 "a signature depends on nothing else"
             );
             let header: &HeaderBytes = package.as_chunks().0.first_chunk().unwrap();
-            let header = Header::check(header, &key.public()).unwrap();
+            let header = Header::check(header, Content::Table, &key.public()).unwrap();
             assert_eq!((header.version, header.length as usize), (7, DISTILLED.len()));
             assert_eq!(&package[HEADER_LEN..], DISTILLED);
             for version in [0, u32::MAX] {

@@ -6,6 +6,10 @@
 #[path = "../board/mod.rs"]
 mod board;
 
+/// Whether a boot loader has started this program and can exchange it: see `maps`.
+#[cfg(target_os = "none")]
+const IS_RENEWABLE: bool = false;
+
 #[cfg(not(target_os = "none"))]
 fn main() {
     println!(

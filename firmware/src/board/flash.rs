@@ -8,23 +8,14 @@
 //! # In an emulator
 //! QEMU has no flash controller: its registers read 0, and writes to flash are dropped. The store then finds that nothing was
 //! written and refuses the update; slots can only be loaded before the start.
-//!
-//! # Source
-//! RM0090 chapter 3: sections 3.5.2 (caches), 3.6 (erase and program), table 5 (sectors).
 
-use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
-};
+use super::flash_controller::{Controller, FlashError, WORD};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash, check_erase, check_read, check_write};
 use firmware::table_store::{FLASH_LEN, SLOT_LEN, Slot, SlotFlash};
 use stm32f4::stm32f405::FLASH;
 
 /// The record's sector.
 const FIRST_SECTOR: u8 = 1;
-const WORD: usize = 4;
-
-/// Reads of the busy flag before the flash counts as stuck: the slowest erase is 0.5 s, and a read takes four cycles of at most
-/// 168 MHz. On the chip the stalled core reads far fewer.
-const POLLS: u32 = 42_000_000;
 
 #[allow(unsafe_code, reason = "names a place in the memory map")]
 unsafe extern "C" {
@@ -35,74 +26,18 @@ unsafe extern "C" {
 #[allow(unsafe_code, reason = "names a place in the memory map")]
 const STORE: *const [u8; FLASH_LEN] = &raw const _table_store;
 
-/// The flash controller, for the store alone.
-pub struct Flash(FLASH);
-
-/// What the controller says.
-#[derive(Debug)]
-pub struct FlashError(NorFlashErrorKind);
-
-impl NorFlashError for FlashError {
-    fn kind(&self) -> NorFlashErrorKind {
-        self.0
-    }
-}
-
-impl From<NorFlashErrorKind> for FlashError {
-    fn from(kind: NorFlashErrorKind) -> Self {
-        Self(kind)
-    }
-}
+/// The store's three sectors.
+pub struct Flash(Controller);
 
 impl Flash {
     /// Takes the controller over.
     pub const fn new(controller: FLASH) -> Self {
-        Self(controller)
+        Self(Controller::new(controller))
     }
 
     /// A slot's bytes for as long as the program runs. Only for the slot that runs, which the store never writes.
     pub fn running(slot: Slot) -> &'static [u8] {
         slot_bytes(slot)
-    }
-
-    #[inline(never)]
-    fn wait(&self) -> Result<(), FlashError> {
-        let done = (0..POLLS).any(|_| self.0.sr().read().bsy().bit_is_clear());
-        let status = self.0.sr().read();
-        let failed = status.pgserr().bit_is_set()
-            || status.pgperr().bit_is_set()
-            || status.pgaerr().bit_is_set()
-            || status.wrperr().bit_is_set();
-        if done && !failed {
-            Ok(())
-        } else {
-            Err(FlashError(NorFlashErrorKind::Other))
-        }
-    }
-
-    /// Runs `work` with the controller unlocked, and locks it again.
-    fn unlocked(&mut self, work: impl FnOnce(&Self) -> Result<(), FlashError>) -> Result<(), FlashError> {
-        // SAFETY: the unlocking keys of section 3.6.1; status bits are cleared by writing ones.
-        #[allow(
-            unsafe_code,
-            reason = "the register description knows no values for these fields"
-        )]
-        unsafe {
-            self.0.sr().write(|w| w.bits(0xf2));
-            self.0.keyr().write(|w| w.bits(0x4567_0123));
-            self.0.keyr().write(|w| w.bits(0xcdef_89ab));
-        }
-        let outcome = self.wait().and_then(|()| work(self));
-        self.0.cr().write(|w| w.lock().set_bit());
-        // The data cache may still hold what was there before (section 3.5.2): it must be off to be reset.
-        let cached = self.0.acr().read().dcen().bit();
-        self.0.acr().modify(|_, w| w.dcen().clear_bit());
-        self.0.acr().modify(|_, w| w.dcrst().set_bit());
-        self.0.acr().modify(|_, w| w.dcrst().clear_bit());
-        self.0.acr().modify(|_, w| w.dcen().bit(cached));
-        // Neither the core nor the compiler may answer a later read with what was there before.
-        cortex_m::asm::dsb();
-        outcome
     }
 }
 
@@ -155,45 +90,18 @@ impl NorFlash for Flash {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         check_erase(self, from, to)?;
-        self.unlocked(|flash| {
-            for sector in from / SLOT_LEN as u32..to / SLOT_LEN as u32 {
-                // SAFETY: sector 1, 2 or 3, by the check above; they hold the store alone.
-                #[allow(
-                    unsafe_code,
-                    reason = "the register description knows no range for this field"
-                )]
-                flash.0.cr().write(|w| unsafe {
-                    w.ser()
-                        .set_bit()
-                        .snb()
-                        .bits(FIRST_SECTOR + sector as u8)
-                        .psize()
-                        .psize32()
-                });
-                flash.0.cr().modify(|_, w| w.strt().set_bit());
-                flash.wait()?;
-            }
-            Ok(())
-        })
+        let sectors = [from, to].map(|offset| FIRST_SECTOR + (offset / SLOT_LEN as u32) as u8);
+        // Sectors 1 to 3, by the check above; they hold the store alone.
+        self.0.erase(sectors[0]..sectors[1])
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len())?;
-        self.unlocked(|flash| {
-            flash.0.cr().write(|w| w.pg().set_bit().psize().psize32());
-            let (words, _) = bytes.as_chunks::<WORD>();
-            for (index, word) in words.iter().enumerate() {
-                // SAFETY: a word inside the store, by the check above; the controller programs what is written there.
-                #[allow(unsafe_code, reason = "memory-mapped flash")]
-                unsafe {
-                    let first = STORE.cast_mut().cast::<u32>();
-                    first
-                        .add(offset as usize / WORD + index)
-                        .write_volatile(u32::from_le_bytes(*word));
-                }
-                flash.wait()?;
-            }
-            Ok(())
-        })
+        // SAFETY: inside the store, by the check above.
+        #[allow(unsafe_code, reason = "memory-mapped flash")]
+        unsafe {
+            let first = STORE.cast_mut().cast::<u32>().add(offset as usize / WORD);
+            self.0.program(first, bytes)
+        }
     }
 }

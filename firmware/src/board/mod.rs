@@ -21,7 +21,11 @@
 
 mod clocks;
 mod device_id;
+mod exchange;
 mod flash;
+mod flash_controller;
+mod image_flash;
+mod images;
 mod log;
 mod panic;
 mod reset;
@@ -43,6 +47,7 @@ use firmware::tables::DISTILLED;
 use firmware::unit::Unit;
 use flash::Flash;
 use heapless::spsc::{Consumer, Producer};
+use images::Images;
 use serial::{Received, Serial, ToSend};
 use slot_timer::SlotTimer;
 use stopwatch::Stopwatch;
@@ -144,6 +149,7 @@ mod app {
         stopwatch: Stopwatch,
         watchdog: Watchdog,
         store: TableStore<Flash>,
+        images: Images,
         start: Start,
     }
 
@@ -203,6 +209,7 @@ mod app {
                 stopwatch,
                 watchdog,
                 store,
+                images: Images::boot(),
                 start: Start {
                     reset,
                     clock: clocks.0,
@@ -306,9 +313,9 @@ mod app {
         }
     }
 
-    #[idle(local = [store, start], shared = [work, outcome])]
+    #[idle(local = [store, images, start], shared = [work, outcome])]
     fn idle(mut cx: idle::Context) -> ! {
-        let (store, start) = (cx.local.store, cx.local.start);
+        let (store, images, start) = (cx.local.store, cx.local.images, cx.local.start);
         loop {
             let (job, window, decided) = cx.shared.work.lock(|work| {
                 let decided = core::mem::take(&mut work.decided);
@@ -328,15 +335,17 @@ mod app {
             let before = store.running();
             if let Some(window) = window {
                 let _ = store.judge(&window);
+                images.prove();
             }
             let message = job.map(|job| match job {
-                Job::Update(step) => UnitMessage::Update(store.step(&step)),
+                Job::Update(step) => UnitMessage::Update(images.step(store, &step)),
                 Job::Status(counters) => UnitMessage::Status(StatusFrame {
                     table: store.status(),
                     counters,
                     reset: start.reset,
                     clock: start.clock,
                     stack_bytes: stack::most(),
+                    image: images.status(),
                 }),
             });
             let damaged = decided && store.check_running();

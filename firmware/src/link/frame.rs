@@ -46,7 +46,7 @@ pub enum ModemFrame {
     Status,
 }
 
-/// One step of a table update. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
+/// One step of an update, of the table or of the image. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum UpdateFrame {
     /// A signed package is coming.
@@ -64,6 +64,11 @@ pub enum UpdateFrame {
     },
     /// The package is complete: check it and try it.
     Commit,
+    /// A signed package with an image is coming; its chunks and its commit are as a table's.
+    BeginImage {
+        /// Its length in bytes.
+        length: u32,
+    },
 }
 
 /// What became of a step of a table update.
@@ -75,7 +80,7 @@ pub enum UpdateAnswer {
         /// Offset of the next chunk.
         offset: u32,
     },
-    /// The table is checked and stored, and will be tried: how that goes, [`StatusFrame`](super::StatusFrame) says.
+    /// The table or the image is checked and stored, and will be tried: how that goes, [`StatusFrame`](super::StatusFrame) says.
     Stored {
         /// Its version.
         version: u32,
@@ -102,16 +107,18 @@ pub enum Refusal {
     Header,
     /// The table inside fails its own check, or is for another geometry or another number of sub-channels.
     Table,
-    /// The version is not above all that were confirmed, rejected or stored, or is the largest.
+    /// The version is not above all tables that were confirmed, rejected or stored, or not above the running image's, or is the largest.
     Version,
     /// The signature is not that of this unit's key.
     Signature,
-    /// The table is not the one that the header was signed for.
+    /// The table or the image is not the one that the header was signed for.
     Digest,
-    /// Another table is on trial; begin again after its verdict.
+    /// Another table, or the running image, is on trial; begin again after its verdict.
     OnTrial,
     /// Too many erases since the start, or ever.
     Worn,
+    /// The unit has no boot loader that could exchange its image.
+    NoBootLoader,
 }
 
 /// From the unit.

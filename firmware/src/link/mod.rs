@@ -10,4 +10,4 @@ pub use frame::{
     UpdateAnswer, UpdateFrame, encode,
 };
 pub use receiver::{LinkError, Receiver};
-pub use status::{ClockSource, Counters, ResetCause, StatusFrame, TableStatus, Trial};
+pub use status::{ClockSource, Counters, ImageStatus, ResetCause, StatusFrame, TableStatus, Trial};

@@ -15,6 +15,17 @@ pub struct StatusFrame {
     pub clock: ClockSource,
     /// The most bytes of stack that it took so far.
     pub stack_bytes: u16,
+    /// What program it is.
+    pub image: ImageStatus,
+}
+
+/// The running image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImageStatus {
+    /// Its version; 0 if its build named none.
+    pub version: u32,
+    /// Whether the next start takes it back unless it proves itself: see [`crate::image_store`].
+    pub on_trial: bool,
 }
 
 /// What a unit runs.

@@ -13,7 +13,7 @@
 //! | 384 | its table |
 
 use super::key::Digest;
-use super::package::{HEADER_LEN, Header, HeaderBytes};
+use super::package::{Content, HEADER_LEN, Header, HeaderBytes};
 use super::words::{MARK, WORD, is_blank, is_marked, read, write};
 use super::{Key, PackageError, SlotFlash};
 use crate::table::Table;
@@ -195,7 +195,7 @@ pub fn inspect_package<F: SlotFlash>(flash: &mut F, slot: Slot, key: &Key) -> Re
         *word = read(flash, offset).ok_or(PackageError::Unreadable)?;
         offset = offset.saturating_add(WORD as u32);
     }
-    let header = Header::check(&header, key)?;
+    let header = Header::check(&header, Content::Table, key)?;
     let mut digest = Digest::new();
     let mut rest = header.length as usize;
     while rest > 0 {

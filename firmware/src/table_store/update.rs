@@ -1,6 +1,6 @@
 //! One update, step by step.
 
-use super::package::{HEADER_LEN, Header, HeaderBytes};
+use super::package::{Content, HEADER_LEN, Header, HeaderBytes};
 use super::slots::{Mark, inspect_package, prepare, write_chunk};
 use super::{MAX_TABLE, Slot, SlotFlash, TableStore, WORD};
 use crate::link::{CHUNK_LEN, Refusal, UpdateAnswer, UpdateFrame};
@@ -36,6 +36,7 @@ impl<F: SlotFlash> TableStore<F> {
             UpdateFrame::Begin { length } => self.begin(*length),
             UpdateFrame::Chunk { offset, bytes } => self.chunk(*offset, bytes),
             UpdateFrame::Commit => self.commit(),
+            UpdateFrame::BeginImage { .. } => Err(Refusal::NoBootLoader),
         };
         outcome.unwrap_or_else(|refusal| {
             self.updating = None;
@@ -85,7 +86,7 @@ impl<F: SlotFlash> TableStore<F> {
         if let Some(before) = interrupted.filter(|before| before.header == update.header) {
             return Ok(before);
         }
-        let header = Header::check(&update.header, &self.key)?;
+        let header = Header::check(&update.header, Content::Table, &self.key)?;
         if header.length as usize != (update.length as usize).saturating_sub(HEADER_LEN) {
             return Err(Refusal::Length);
         }

@@ -1,6 +1,7 @@
-//! `trainer sign`: a table as a package that units take over the air.
+//! `trainer sign`: a table or an image as a package that units take over the air.
 
 use crate::signing::TableKey;
+use host_sim::image::Image;
 use host_sim::weight_table::WeightTable;
 use kit::error::Result;
 use kit::files::{check_output, write_whole};
@@ -15,11 +16,14 @@ pub struct SignArguments {
     #[arg(long, value_name = "FILE")]
     pub key: PathBuf,
     /// Version of the table, above that of every table that was signed with the key before
-    #[arg(long, value_name = "NUMBER")]
-    pub version: u32,
+    #[arg(long, value_name = "NUMBER", required_unless_present = "image")]
+    pub version: Option<u32>,
     /// The table [default: the one that is built into the firmware]
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
+    /// An image to sign instead: the ELF file of the firmware's program `renewable`, whose build named its version
+    #[arg(long, value_name = "ELF", conflicts_with_all = ["table", "version"])]
+    pub image: Option<PathBuf>,
     /// Where to write the package
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
@@ -33,11 +37,19 @@ pub struct SignArguments {
 /// # Errors
 /// A key or a table that cannot be read, a version that no unit takes, a file that cannot be written.
 pub fn run(arguments: &SignArguments) -> Result<()> {
-    let inputs: Vec<PathBuf> = arguments.table.iter().chain([&arguments.key]).cloned().collect();
+    let contents = arguments.table.iter().chain(&arguments.image);
+    let inputs: Vec<PathBuf> = contents.chain([&arguments.key]).cloned().collect();
     check_output("--out", &arguments.out, &inputs)?;
     let key = TableKey::read(&arguments.key)?;
-    let table = WeightTable::read_or_built_in(arguments.table.as_deref())?;
-    let package = key.sign(&table.parse()?, arguments.version)?;
+    let (package, version) = if let Some(path) = &arguments.image {
+        let image = Image::read(path)?;
+        (key.sign_image(&image)?, image.version()?)
+    } else {
+        let table = WeightTable::read_or_built_in(arguments.table.as_deref())?;
+        // Clap asks for it.
+        let version = arguments.version.unwrap_or_default();
+        (key.sign(&table.parse()?, version)?, version)
+    };
     write_whole(&arguments.out, &package)?;
     if arguments.json {
         say!(
@@ -45,7 +57,7 @@ pub fn run(arguments: &SignArguments) -> Result<()> {
             json!({
                 "package": arguments.out,
                 "package_bytes": package.len(),
-                "version": arguments.version,
+                "version": version,
                 "public_key": key.public_text(),
                 "test_key": key.is_test(),
             })
@@ -57,10 +69,9 @@ pub fn run(arguments: &SignArguments) -> Result<()> {
             "the key"
         };
         say!(
-            "Wrote {}, {} bytes: version {}, signed with {with} {}.",
+            "Wrote {}, {} bytes: version {version}, signed with {with} {}.",
             arguments.out.display(),
             package.len(),
-            arguments.version,
             key.public_text()
         );
     }
