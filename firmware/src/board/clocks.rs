@@ -3,6 +3,8 @@
 //! # Source
 //! RM0090, the STM32F405's reference manual: section 3.5.1 (flash wait states), chapter 7 (clocks of the STM32F405).
 
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::exception;
 use firmware::link::ClockSource;
 use stm32f4::stm32f405::{FLASH, RCC, flash, rcc};
 
@@ -50,6 +52,10 @@ impl Clocks {
             raised.then_some(source)
         };
         let source = start(ClockSource::Crystal, true).or_else(|| start(ClockSource::Internal, false));
+        if let Some(ClockSource::Crystal) = source {
+            // A crystal that dies from now on is an interrupt that cannot be masked (RM0090 section 7.2.7).
+            rcc.cr().modify(|_, w| w.csson().set_bit());
+        }
         Self(source.unwrap_or(ClockSource::InternalSlow))
     }
 
@@ -78,6 +84,16 @@ impl Clocks {
             ClockSource::Emulated => 1_000,
         }
     }
+}
+
+/// The crystal has died: a start finds the internal oscillator.
+#[exception]
+#[allow(
+    unsafe_code,
+    reason = "an exception that critical sections do not hold back; it shares nothing"
+)]
+unsafe fn NonMaskableInt() -> ! {
+    SCB::sys_reset()
 }
 
 fn pll(rcc: &RCC, crystal: bool) -> Option<()> {

@@ -49,11 +49,11 @@ impl Image {
             let expected = "the ELF file of an image for the STM32F405";
             Error::input(path.display(), found, expected)
         };
-        let file = ElfFile::<FileHeader32<Endianness>>::parse(bytes.as_slice()).map_err(|error| {
+        let file = ElfFile::<FileHeader32<Endianness>>::parse(bytes.as_slice()).map_err(|_| {
             // Of 64 bits, for example.
             match object::File::parse(bytes.as_slice()) {
                 Ok(_) => wrong("a program for another processor"),
-                Err(_) => wrong(&format!("no ELF file: {error}")),
+                Err(_) => wrong("no ELF file"),
             }
         })?;
         if file.architecture() != Architecture::Arm {
