@@ -43,9 +43,9 @@ const NO_PLACE: i16 = -1;
 pub struct Arrays {
     vehicles: usize,
     sub_channels: usize,
-    /// `[world][vehicle][20]`.
+    /// `[world][vehicle][22]`.
     pub observations: SharedArray<i8>,
-    /// `[world][vehicle][20]`, observations over 64.
+    /// `[world][vehicle][22]`, observations over 64.
     pub float_observations: SharedArray<f32>,
     /// `[world][vehicle]`, slots.
     pub ages: SharedArray<u16>,

@@ -137,12 +137,13 @@ impl Batch {
         sub_channels: PyReadonlyArray2<'_, i8>,
         powers_dbm: PyReadonlyArray2<'_, f32>,
     ) -> PyResult<()> {
-        let sub_channels = self.values("sub_channels", &sub_channels)?;
-        let powers_dbm = self.values("powers_dbm", &powers_dbm)?;
+        // Copied before they are checked: other threads may write them as soon as the interpreter lock is released.
+        let sub_channels = self.values("sub_channels", &sub_channels)?.to_vec();
+        let powers_dbm = self.values("powers_dbm", &powers_dbm)?.to_vec();
         self.worlds.check_slots(self.worlds.elapsed() + 1)?;
         let radio = &self.worlds.setting().scenario.radio;
         let (last, full_power_dbm) = (radio.sub_channels as i8 - 1, radio.max_power_dbm);
-        for (index, (&sub_channel, &power_dbm)) in sub_channels.iter().zip(powers_dbm).enumerate() {
+        for (index, (&sub_channel, &power_dbm)) in sub_channels.iter().zip(&powers_dbm).enumerate() {
             if !(-1..=last).contains(&sub_channel) {
                 let expected = format!("-1 (silent) to {last}");
                 return Err(value_error(
@@ -157,7 +158,7 @@ impl Batch {
                 return Err(value_error(self.place("powers_dbm", index), power_dbm, expected));
             }
         }
-        py.detach(|| self.worlds.transmit(sub_channels, powers_dbm));
+        py.detach(|| self.worlds.transmit(&sub_channels, &powers_dbm));
         Ok(())
     }
 

@@ -84,7 +84,7 @@ impl FloatNetwork {
         Ok(Self { inner })
     }
 
-    /// Encoded observations of training worlds in which this network decides, int8 (rows, 20).
+    /// Encoded observations of training worlds in which this network decides, int8 (rows, 22).
     fn calibration<'py>(
         &self,
         py: Python<'py>,
@@ -104,7 +104,7 @@ impl FloatNetwork {
             .into_pyarray(py))
     }
 
-    /// The firmware's table, its activations calibrated on these observations, int8 (rows, 20).
+    /// The firmware's table, its activations calibrated on these observations, int8 (rows, 22).
     fn quantise(
         &self,
         scenario: &Scenario,

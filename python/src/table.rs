@@ -115,7 +115,7 @@ impl Table {
 
     /// The network's outputs for encoded observations.
     ///
-    /// observations: int8 (..., 20), in C order. Returns int32 (..., 6) in the table's common output scale.
+    /// observations: int8 (..., 22), in C order. Returns int32 (..., 6) in the table's common output scale.
     ///
     /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn outputs<'py>(
@@ -131,7 +131,7 @@ impl Table {
 
     /// What units that run this table do.
     ///
-    /// observations: int8 (..., 20), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
+    /// observations: int8 (..., 22), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
     ///
     /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn act<'py>(
@@ -174,12 +174,14 @@ impl Table {
             return Err(value_error("table", found, expected));
         }
         let mut actor = Actor::new(table);
+        // Copied: other threads may write the caller's rows as soon as the interpreter lock is released.
+        let rows = rows.to_vec();
         let scores = |outputs: [i32; MAX_OUTPUTS]| std::array::from_fn(|action| outputs[action]);
         Ok(py.detach(|| rows.iter().map(|row| result(scores(actor.infer(row)))).collect()))
     }
 }
 
-/// Rows of encoded observations, int8 (..., 20).
+/// Rows of encoded observations, int8 (..., 22).
 ///
 /// # Errors
 /// `ValueError` for rows of another length, or ones that do not lie one behind the other.
