@@ -2,9 +2,21 @@
 //! wait to be heard.
 
 use crate::stream::{Role, Stream, WorldKey};
+use firmware::units::Age;
 
 /// Joiners of the last slots of a run are not counted: they had no time to wait (chosen).
 const LEAST_TIME_SLOTS: u32 = 200;
+
+/// A vehicle that left for good: at the beginning of the slot another one has its index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Replacement {
+    /// Its world.
+    pub world: usize,
+    /// Its index, now the other one's.
+    pub vehicle: usize,
+    /// Its own age after its last slot.
+    pub last_age: Age,
+}
 
 /// Replacements in one world.
 #[derive(Clone, Debug)]

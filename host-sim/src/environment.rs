@@ -9,7 +9,7 @@
 use crate::activity::Activity;
 use crate::base_station::BaseStation;
 use crate::channel::Channel;
-use crate::churn::Churn;
+use crate::churn::{Churn, Replacement};
 use crate::decisions::{Decisions, SILENT};
 use crate::imperfections::{Losses, sensing};
 use crate::lanes::{LANES, Rows, Vectors};
@@ -73,6 +73,8 @@ pub struct Environment<'s> {
     /// By world; none where nobody is replaced.
     churn: Vec<Churn>,
     replaced: Vec<usize>,
+    /// Of this slot, by world, then vehicle.
+    replacements: Vec<Replacement>,
     channel: Channel<'s>,
     radio: Radio,
     base_station: BaseStation,
@@ -132,6 +134,7 @@ impl<'s> Environment<'s> {
                 .filter_map(|key| Churn::new(scenario.cell.replacement_probability, vehicles, key))
                 .collect(),
             replaced: Vec::new(),
+            replacements: Vec::new(),
             channel: Channel::new(scenario, vehicles, &keys),
             radio: Radio::new(scenario, &keys, vehicles),
             base_station: BaseStation::new(scenario, &keys, vehicles),
@@ -157,6 +160,45 @@ impl<'s> Environment<'s> {
         let vectors = self.vectors;
         *self = Self::with_room(self.scenario, self.source, seed, purpose, worlds, self.vehicles);
         self.vectors = vectors;
+    }
+
+    /// Worlds in the same state, which go on by themselves: equal decisions give equal bytes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where an outside program moves the vehicles.
+    pub fn copy(&self) -> Result<Self> {
+        let copies: Option<Vec<_>> = self.mobility.iter().map(|mobility| mobility.copy()).collect();
+        let moved_outside = || {
+            let found = "vehicles that another program moves";
+            Error::input("copy of an environment", found, "the grid's or a trace's")
+        };
+        Ok(Self {
+            scenario: self.scenario,
+            source: self.source,
+            vectors: self.vectors,
+            vehicles: self.vehicles,
+            keys: self.keys.clone(),
+            mobility: copies.ok_or_else(moved_outside)?,
+            failure: None,
+            places: self.places.clone(),
+            presence: self.presence.clone(),
+            arrivals: self.arrivals.clone(),
+            departures: self.departures.clone(),
+            churn: self.churn.clone(),
+            replaced: self.replaced.clone(),
+            replacements: self.replacements.clone(),
+            channel: self.channel.clone(),
+            radio: self.radio.clone(),
+            base_station: self.base_station.clone(),
+            sensing: self.sensing.copy(),
+            grant_losses: self.grant_losses.clone(),
+            activity: self.activity.clone(),
+            ages: self.ages.clone(),
+            sent: self.sent.clone(),
+            listened_to: self.listened_to,
+            present_decisions: self.present_decisions.clone(),
+            slot: self.slot,
+        })
     }
 
     /// Goes on with another vector unit. The bytes are the same.
@@ -290,6 +332,18 @@ impl<'s> Environment<'s> {
     pub fn interference_db(&self, world: usize, vehicle: usize, sub_channel: usize) -> f32 {
         let item = vehicle * self.sub_channels() + sub_channel;
         self.radio.interference_db().get(world, item)
+    }
+
+    /// The vehicle of whose index another one has had the use from the beginning of this slot on, if one has.
+    pub fn replacement(&self, world: usize, vehicle: usize) -> Option<&Replacement> {
+        let place = |one: &Replacement| (one.world, one.vehicle).cmp(&(world, vehicle));
+        let found = self.replacements.binary_search_by(place);
+        found.ok().map(|index| &self.replacements[index])
+    }
+
+    /// All of this slot, by world, then vehicle.
+    pub fn replacements(&self) -> &[Replacement] {
+        &self.replacements
     }
 
     /// Whether a vehicle was received in the slot before.
@@ -518,6 +572,7 @@ impl<'s> Environment<'s> {
     /// slot, so a new one needs nothing besides.
     fn replace_vehicles(&mut self) {
         let slot = self.elapsed();
+        self.replacements.clear();
         for (world, churn) in self.churn.iter_mut().enumerate() {
             churn.draw(self.presence.vehicles(), slot, &mut self.replaced);
             for &vehicle in &self.replaced {
@@ -528,6 +583,11 @@ impl<'s> Environment<'s> {
                 if let Ok(index) = places.binary_search_by_key(&vehicle, |&(known, _)| known) {
                     places[index].1 = place;
                 }
+                self.replacements.push(Replacement {
+                    world,
+                    vehicle,
+                    last_age: Age::after(u32::from(self.ages.get(world, vehicle))),
+                });
                 self.channel.replace(world, vehicle, place);
                 self.ages.set(world, vehicle, Age::TIME_CONSTRAINT.slots());
                 let (slot, large_scale_db) = (SlotIndex(self.slot), self.channel.large_scale_db());

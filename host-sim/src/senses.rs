@@ -70,6 +70,9 @@ pub trait Sensing: Send + Sync {
 
     /// What the units read in this slot.
     fn readings<'t>(&'t self, truth: Readings<'t>) -> Readings<'t>;
+
+    /// The same, which goes on by itself: for [`Environment::copy`](crate::Environment::copy).
+    fn copy(&self) -> Box<dyn Sensing>;
 }
 
 /// Units that read the truth.
@@ -81,6 +84,10 @@ impl Sensing for Perfect {
 
     fn readings<'t>(&'t self, truth: Readings<'t>) -> Readings<'t> {
         truth
+    }
+
+    fn copy(&self) -> Box<dyn Sensing> {
+        Box::new(*self)
     }
 }
 

@@ -33,7 +33,7 @@ fn table() -> Table<'static> {
 }
 
 /// Gains of the slot before, 3 dB too low.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct LateAndLow {
     before: Option<Rows<f32>>,
     now: Option<Rows<f32>>,
@@ -52,6 +52,10 @@ impl Sensing for LateAndLow {
             gains_db: gains_db.unwrap_or(truth.gains_db),
             ..truth
         }
+    }
+
+    fn copy(&self) -> Box<dyn Sensing> {
+        Box::new(self.clone())
     }
 }
 

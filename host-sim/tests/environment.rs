@@ -11,7 +11,8 @@ use firmware::unit::{Event, Unit};
 use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Vectors};
-use host_sim::mobility::Grid;
+use host_sim::mobility::floating_car_data::Trace;
+use host_sim::mobility::{Grid, MobilitySource};
 use host_sim::policy::{Decider, KINDS, Kind, actor, aloha, central, clock, random};
 use host_sim::scenario::{Scenario, ScenarioSource};
 use host_sim::simulation::run_slot;
@@ -19,6 +20,7 @@ use host_sim::stream::Purpose;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::ops::Range;
+use std::path::Path;
 use table_builder::Contents;
 
 static SOURCE: Grid = Grid;
@@ -281,4 +283,77 @@ fn no_slot_allocates() {
             assert_eq!(ALLOCATIONS.get() - before, 0, "{} {settings:?}", policy.name);
         }
     }
+}
+
+/// Worlds of the grid and of a trace, with everything that has a state of its own, go on alike from a copy, and apart where decisions differ.
+#[test]
+fn a_copy_goes_on_from_the_same_state() {
+    let trace =
+        Trace::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/fcd-gap.xml")).unwrap();
+    let hard = [
+        "cell.replacement_probability=1e-2",
+        "knowledge.gain_delay_slots=2",
+        "feedback.acknowledgement_delay_slots=2",
+        "feedback.measurement_loss=0.1",
+        "feedback.broadcast_loss=0.1",
+        "fading.follows_speed=true",
+    ];
+    for (settings, source) in [
+        (&hard[..], &SOURCE as &dyn MobilitySource),
+        (&["cell.base_station_x_m=0", "cell.base_station_y_m=0"], &trace),
+    ] {
+        let scenario = scenario(settings);
+        let mut environment = Environment::new(&scenario, source, 7, Purpose::Training, 0..3);
+        let vehicles = environment.vehicles();
+        let silence = Decisions::new(3, vehicles);
+        let mut loud = silence.clone();
+        for vehicle in 0..vehicles {
+            (0..3).for_each(|world| loud.transmit(world, vehicle, vehicle % 3, scenario.radio.max_power()));
+        }
+        (0..120).for_each(|_| environment.step(&loud));
+        let mut copy = environment.copy().unwrap();
+        let mut apart = environment.copy().unwrap();
+        for _ in 0..120 {
+            environment.step(&loud);
+            copy.step(&loud);
+            apart.step(&silence);
+            assert_eq!(seen(&environment, 0..3), seen(&copy, 0..3));
+            assert_eq!(environment.replacements(), copy.replacements());
+        }
+        assert_ne!(seen(&environment, 0..3), seen(&apart, 0..3));
+    }
+}
+
+#[test]
+fn who_is_replaced_leaves_with_its_own_age() {
+    let scenario = scenario(&["cell.vehicles=6", "cell.replacement_probability=0.05"]);
+    let mut environment = Environment::new(&scenario, &SOURCE, 7, Purpose::Training, 0..3);
+    let mut decisions = Decisions::new(3, 6);
+    let (mut replaced, mut heard) = (0, 0);
+    for slot in 0..400 {
+        decisions.clear();
+        (0..3).for_each(|world| decisions.transmit(world, slot % 6, 0, scenario.radio.max_power()));
+        let before: Vec<_> = (0..18).map(|row| environment.age(row / 6, row % 6)).collect();
+        environment.step(&decisions);
+        for (row, before) in before.iter().enumerate() {
+            let (world, vehicle) = (row / 6, row % 6);
+            let received = environment.received(world, vehicle);
+            let after = if received { 1 } else { before.slots() + 1 };
+            match environment.replacement(world, vehicle) {
+                None => assert_eq!(environment.age(world, vehicle).slots(), after),
+                Some(left) => {
+                    assert_eq!((left.world, left.vehicle), (world, vehicle));
+                    assert_eq!(left.last_age.slots(), after);
+                    assert_eq!(environment.age(world, vehicle).slots(), 100);
+                    replaced += 1;
+                    heard += u32::from(received);
+                }
+            }
+        }
+    }
+    // 360 expected.
+    assert!(
+        (280..440).contains(&replaced) && heard > 10,
+        "{replaced}, {heard}"
+    );
 }

@@ -16,6 +16,7 @@ const SPEED_OF_LIGHT_M_PER_S: f64 = 299_792_458.0;
 const SLOTS_PER_SECOND: f64 = 1000.0;
 
 /// Fading amplitudes of a batch of worlds.
+#[derive(Clone)]
 pub struct Fading {
     /// Correlation of the amplitudes on neighbouring sub-channels.
     correlation: f32,
@@ -23,6 +24,7 @@ pub struct Fading {
 }
 
 /// Where amplitudes come from.
+#[derive(Clone)]
 enum Source {
     /// Complex normal numbers, new in every slot; by block of worlds.
     Fresh(Vec<LaneStream>),
@@ -32,6 +34,7 @@ enum Source {
 
 /// Sums of sinusoids (Clarke 1968; Jakes 1974): each wave of a vehicle comes from another direction, whose cosine is the share of
 /// the Doppler shift by which it turns.
+#[derive(Clone)]
 struct Waves {
     /// Largest Doppler shift of one m/s.
     hz_by_m_per_s: f64,

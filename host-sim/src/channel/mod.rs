@@ -18,6 +18,7 @@ use crate::stream::{Role, Stream, WorldKey};
 ///
 /// A gain is the level in dB over noise at which the base station receives the vehicle at full power (paper eq. 1, with
 /// the link budget of Table I included).
+#[derive(Clone)]
 pub struct Channel<'s> {
     scenario: &'s Scenario,
     path_loss: PathLoss,

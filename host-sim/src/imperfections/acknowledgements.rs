@@ -9,6 +9,7 @@ use crate::stream::WorldKey;
 use firmware::units::Age;
 
 /// What units know of their receptions, `[vehicle][world]` each.
+#[derive(Clone)]
 pub(super) struct Acknowledgements {
     delay: usize,
     losses: Option<Losses>,

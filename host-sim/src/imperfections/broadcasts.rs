@@ -8,6 +8,7 @@ use crate::senses;
 use crate::stream::WorldKey;
 
 /// What each vehicle last heard. `[vehicle][world]` each.
+#[derive(Clone)]
 pub struct Heard {
     losses: Losses,
     vehicles: usize,

@@ -5,6 +5,7 @@ use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
 
 /// What units and base station know of the gains, `[vehicle][sub_channel][world]`.
+#[derive(Clone)]
 pub(super) struct KnownGains {
     sub_channels: usize,
     /// True gains of the last slots, `[slot modulo the ring's length]`; filled by the first slot.

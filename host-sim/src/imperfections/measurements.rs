@@ -6,6 +6,7 @@ use crate::scenario::FeedbackScenario;
 use crate::stream::WorldKey;
 
 /// Whether each modem measured in the slot: 1 or 0, `[vehicle][world]`.
+#[derive(Clone)]
 pub(super) struct Measured {
     losses: Losses,
     vehicles: usize,

@@ -19,6 +19,7 @@ use gains::KnownGains;
 use measurements::Measured;
 
 /// All imperfections of a batch of worlds; what is perfect is `None`.
+#[derive(Clone)]
 struct Imperfections {
     gains: Option<KnownGains>,
     acknowledgements: Option<Acknowledgements>,
@@ -86,6 +87,10 @@ impl Sensing for Imperfections {
             measured: self.measurements.as_ref().map(Measured::rows),
             ..truth
         }
+    }
+
+    fn copy(&self) -> Box<dyn Sensing> {
+        Box::new(self.clone())
     }
 }
 

@@ -17,9 +17,10 @@ mod builder;
 mod reader;
 
 pub use builder::TraceBuilder;
+use serde::{Deserialize, Serialize};
 
 /// Where a vehicle is, and how fast it moves.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Position {
     /// East, m, in the trace's own coordinates.
     pub x_m: f64,
@@ -43,21 +44,21 @@ impl Position {
 }
 
 /// One vehicle in one time step.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Record {
     vehicle: usize,
     position: Position,
 }
 
 /// One time step: its slot and its records, in ascending order of vehicle.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Step {
     slot: u32,
     records: Vec<Record>,
 }
 
 /// The recorded movement of many vehicles. It holds at least one time step and one vehicle.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Trace {
     vehicle_ids: Vec<String>,
     /// In strictly ascending order of slot; the first has slot 0.

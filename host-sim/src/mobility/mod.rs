@@ -144,6 +144,14 @@ pub trait Mobility: Send + Sync {
         None
     }
 
+    /// The same vehicles in the same place, who go on by themselves. `None` where an outside program moves them.
+    fn copy<'a>(&self) -> Option<Box<dyn Mobility + 'a>>
+    where
+        Self: 'a,
+    {
+        None
+    }
+
     /// The road that a present vehicle drives on, where that is known.
     fn road(&self, _vehicle: usize) -> Option<Road> {
         None

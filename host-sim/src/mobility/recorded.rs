@@ -71,6 +71,7 @@ impl MobilitySource for Trace {
 }
 
 /// A trace on its way.
+#[derive(Clone)]
 struct Recorded<'s> {
     /// The present step.
     cursor: Cursor<'s>,
@@ -79,6 +80,13 @@ struct Recorded<'s> {
 }
 
 impl Mobility for Recorded<'_> {
+    fn copy<'a>(&self) -> Option<Box<dyn Mobility + 'a>>
+    where
+        Self: 'a,
+    {
+        Some(Box::new(self.clone()))
+    }
+
     fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
         places.clear();
         for (vehicle, position) in self.cursor.advance_to(slots) {

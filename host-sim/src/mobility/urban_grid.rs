@@ -113,6 +113,7 @@ struct Turn {
 }
 
 /// Vehicles on the grid.
+#[derive(Clone)]
 struct UrbanGrid<'s> {
     streets: Streets<'s>,
     /// At the crossings, if they have any.
@@ -193,6 +194,13 @@ impl Mobility for UrbanGrid<'_> {
         self.vehicles
             .push(Vehicle::new((heading, across_m, along_m), speed_m_per_s));
         Some(self.vehicles.len() - 1)
+    }
+
+    fn copy<'a>(&self) -> Option<Box<dyn Mobility + 'a>>
+    where
+        Self: 'a,
+    {
+        Some(Box::new(self.clone()))
     }
 
     fn road(&self, vehicle: usize) -> Option<Road> {

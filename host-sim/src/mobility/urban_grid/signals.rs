@@ -21,6 +21,7 @@ const HALT_M: f64 = 1.0;
 const LEAD_IN_CYCLES: f64 = 2.0;
 
 /// The signals of one world.
+#[derive(Clone)]
 pub(super) struct Signals {
     cycle_s: f64,
     red_share: f64,

@@ -5,6 +5,7 @@ use crate::scenario::{MobilityScenario, Turns};
 use crate::stream::Stream;
 
 /// Streets between rectangular blocks, and along the grid's edge.
+#[derive(Clone)]
 pub(super) struct Streets<'s> {
     pub scenario: &'s MobilityScenario,
     /// Coordinates across each heading's lanes, ascending.
