@@ -276,8 +276,39 @@ fn bad_scenarios_are_one_line_each() {
     );
     assert_eq!(
         refusal(&["run", "--preset", "moon"]),
-        "error: invalid value 'moon' for '--preset <PRESET>' [possible values: paper, companion, street, edge]"
+        "error: --preset: found moon, expected companion, paper, street, edge"
     );
+    for (arguments, words) in [
+        (
+            &["rnu"][..],
+            "rnu: found no command of this name, expected run; `host-sim --help` lists them",
+        ),
+        (
+            &["run", "--policy", "ACTOR"],
+            "--policy: found ACTOR, expected actor, central, ",
+        ),
+        (
+            &["run", "--vehicles", "20km"],
+            "--vehicles: found 20km, expected a whole number",
+        ),
+        (
+            &["run", "--seed", "-5"],
+            "--seed: found -5, expected a whole number",
+        ),
+        (&["run", "--worlds", "0"], "--worlds: found 0, expected 1 to "),
+        (
+            &["run", "--wrolds", "5"],
+            "--wrolds: found no option of this name, expected --worlds; ",
+        ),
+        (&["run", "--json", "--out", "x"], "found --"),
+        (&["merge"], "command line: found too few options, expected "),
+    ] {
+        let text = refusal(arguments);
+        assert!(
+            text.starts_with("error: ") && text.contains(words),
+            "{arguments:?}: {text}"
+        );
+    }
     for (command, option, setting) in [
         ("run", "--vehicles", "cell.vehicles=5"),
         ("hil", "--vehicles", "cell.vehicles=5"),
@@ -297,7 +328,7 @@ fn bad_scenarios_are_one_line_each() {
         );
     }
     assert!(refusal(&["run", "--worlds", "0"]).contains("--worlds"));
-    assert!(refusal(&["run", "--worlds", "-3"]).contains("invalid value '-3' for '--worlds"));
+    assert!(refusal(&["run", "--worlds", "-3"]).contains("--worlds: found -3, expected 1 to "));
     assert!(
         refusal(&["run", "--scenario", "/no/such.toml"]).starts_with("error: /no/such.toml: No such file")
     );
@@ -438,4 +469,56 @@ fn a_stream_that_takes_nothing_stops_no_work() {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     assert_eq!(run("left", writer.into(), Stdio::null()), Some(0));
+}
+
+/// What people read fits a terminal of 80 columns; paths are as long as they are.
+#[test]
+fn lines_fit_a_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out").display().to_string();
+    let commands = [
+        "run",
+        "loop",
+        "assign",
+        "carry",
+        "figures",
+        "sweep",
+        "merge",
+        "hil",
+        "deadline",
+        "bench",
+        "init",
+        "explain",
+        "schema",
+        "completions",
+    ];
+    let mut lines: Vec<Vec<&str>> = commands.iter().map(|command| vec![*command, "--help"]).collect();
+    lines.push([&["run", "--out", &out], &SMALL[..]].concat());
+    lines.push(vec![
+        "loop",
+        "--worlds",
+        "2",
+        "--set",
+        "planning.horizon_s=300",
+        "--set",
+        "planning.warmup_s=0",
+        "--out",
+        &out,
+    ]);
+    lines.push(vec!["explain"]);
+    lines.push(vec!["explain", "planning.horizon_s"]);
+    for arguments in lines {
+        let output = host_sim(&arguments);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            output.status.success() && !text.is_empty(),
+            "{arguments:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        for line in text.lines().filter(|line| !line.contains(&out)) {
+            assert!(line.chars().count() <= 80, "{arguments:?}: {line}");
+        }
+    }
+    let wide = host_sim(&[&["run", "--wide", "--out", &out], &SMALL[..]].concat());
+    assert!(String::from_utf8(wide.stdout).unwrap().contains("successes"));
 }

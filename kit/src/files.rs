@@ -2,6 +2,7 @@
 //! a name points at them, and names before the work is called done.
 
 use crate::error::{Error, Result};
+use crate::text::wrapped;
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::fs::File;
@@ -169,11 +170,12 @@ pub fn written(folder: &Path, first: &str, files: &[NamedText]) -> String {
         .map(|(name, _)| name.as_str())
         .filter(|name| *name != first);
     let others: Vec<&str> = others.collect();
-    format!(
+    let line = format!(
         "Report: {}. Beside it: {}.",
         folder.join(first).display(),
         others.join(", ")
-    )
+    );
+    wrapped(&line, "")
 }
 
 /// A complete temporary file beside `path`, on the disk; it vanishes unless it is published.

@@ -9,3 +9,4 @@ pub mod files;
 pub mod keys;
 pub mod layers;
 pub mod output;
+pub mod text;

@@ -4,7 +4,9 @@ use crate::age::AgeSummary;
 use crate::closed_loop::experiment::{DEFAULT_WORLDS, LoopExperiment, LoopSource, Traffic, WORLDS};
 use crate::closed_loop::{CaseResult, LoopSummary, Mean, PolicyResult};
 use crate::command::assign::print_warnings;
-use crate::command::options::{ScenarioArguments, check_table_is_used, choice, progress_bar, within};
+use crate::command::options::{
+    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, within,
+};
 use crate::journeys::town::Town;
 use crate::policy::Kind;
 use crate::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
@@ -82,6 +84,9 @@ pub struct LoopArguments {
     /// Folder for figures and data [default: out]
     #[arg(long, value_name = "DIR", conflicts_with = "json")]
     pub out: Option<PathBuf>,
+    /// How the table is shown.
+    #[command(flatten)]
+    pub text: TextArguments,
     /// Print one JSON object and nothing else; write no files
     #[arg(long)]
     pub json: bool,
@@ -135,7 +140,7 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
             town.most_v_over_c()
         );
     }
-    let template = "closed loop {bar:40} {percent} %, {eta} left";
+    let template = "closed loop {bar:40} {percent} %, {left} left";
     let bar = progress_bar(1, template, arguments.json);
     let summary = pool.install(|| {
         experiment.summary(&town, |progress| {
@@ -151,6 +156,8 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     }
     let description = description(&experiment, &town, &summary);
     let cases = cases_table(&experiment, &town, &summary)?;
+    // Before anything is written: the hours are lost with a full disk, their numbers are not.
+    say!("{}", arguments.text.of(&cases));
     let mut set = vec![("loop.csv".to_owned(), cases.to_csv())];
     set.extend(figures(&description, &summary)?);
     set.push(("loop.json".to_owned(), format!("{object:#}\n")));
@@ -164,7 +171,7 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     )?;
     set.push(("loop.html".to_owned(), page.render()));
     write_set(out, &set)?;
-    say!("{cases}\n{}", written(out, "loop.html", &set));
+    say!("{}", written(out, "loop.html", &set));
     Ok(())
 }
 
@@ -250,17 +257,20 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
     let trouble = |shown: &str, name: &str, decimals: usize, value: fn(&CaseResult) -> f64| {
         let column = Column::number(name, each().map(|row| value(row.result)));
         match each().any(|row| is_seen(value(row.result), decimals)) {
-            true => column.shown(shown, "", decimals),
+            true => column.shown(shown, "", decimals).aside(),
             false => column.unseen(),
         }
     };
     let mut table = Table::new(vec![
         Column::text("case", each().map(|row| row.name.clone())).shown("what is known", "", 0),
         Column::number("uncapped_mean_age_ms", ages(|ages| ages.uncapped_mean_ms)).shown("mean age", "ms", 2),
-        Column::number("road_age_s", each().map(|row| row.result.road_age_s)).shown("road age", "s", 0),
+        Column::number("road_age_s", each().map(|row| row.result.road_age_s))
+            .shown("road age", "s", 0)
+            .aside(),
         Column::number("trip_time_s", each().map(|row| row.result.trip_time_s.0)).shown("trip time", "s", 2),
         Column::number("trip_time_ci95_s", each().map(|row| row.result.trip_time_s.1))
-            .shown("+-95 %", "s", 2),
+            .shown("+-95 %", "s", 2)
+            .aside(),
         Column::text(
             "lost_to",
             each().map(|row| row.loss.map(|(name, _)| name.to_owned())),
@@ -273,8 +283,12 @@ fn cases_table(experiment: &LoopExperiment, town: &Town, summary: &LoopSummary) 
             each().map(|row| row.loss.and_then(|(_, loss)| loss.1)),
         )
         .shown("+-95 %", "s", 2),
-        Column::number("queued_vehicles", each().map(|row| row.result.queued.0)).shown("queued", "", 0),
-        Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c)).shown("V/C", "", 2),
+        Column::number("queued_vehicles", each().map(|row| row.result.queued.0))
+            .shown("queued", "", 0)
+            .aside(),
+        Column::number("mean_v_over_c", each().map(|row| row.result.v_over_c))
+            .shown("V/C", "", 2)
+            .aside(),
         trouble("waiting", "waiting_vehicles", WAITING_DECIMALS, |result| {
             result.waiting
         }),

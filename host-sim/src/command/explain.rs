@@ -1,9 +1,9 @@
 //! What the keys of a configuration mean, for `host-sim explain` and `trainer explain`.
 
-use crate::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use kit::keys::{Key, Kind, listed, nearest, value};
 use kit::say;
+use kit::text::wrapped;
 use serde_json::{Value, json};
 
 /// Options of `explain`.
@@ -54,18 +54,19 @@ pub fn explain(
         say!("{}", page(name, key, presets));
         return Ok(());
     }
-    let defaults = explained.iter().map(|(name, _)| default(name));
-    let table = Table::new(vec![
-        Column::text("key", explained.iter().map(|(name, _)| name.clone())),
-        Column::text(
-            "default",
-            defaults.map(|value| value.map_or(String::new(), ToString::to_string)),
-        ),
-        Column::text("range", explained.iter().map(|(_, key)| key.range())),
-        Column::text("meaning", explained.iter().map(|(_, key)| key.meaning.to_owned())),
-        Column::text("source", explained.iter().map(|(_, key)| key.source.to_owned())),
-    ])?;
-    say!("{}", table.to_string().trim_end());
+    for (name, key) in explained {
+        let default = default(name).map_or(String::new(), ToString::to_string);
+        let lines = [
+            format!("{name} = {default}"),
+            format!(
+                "    {} Range: {}. Source: {}",
+                key.meaning,
+                key.range(),
+                key.source
+            ),
+        ];
+        say!("{}", lines.map(|line| wrapped(&line, "    ")).join("\n"));
+    }
     Ok(())
 }
 
@@ -98,7 +99,8 @@ fn page(name: &str, key: &Key, presets: &[(&'static str, toml::Table)]) -> Strin
     for (preset, value) in values.filter(|(_, value)| Some(*value) != default) {
         lines.push(format!("  in preset {preset}: {value}"));
     }
-    lines.join("\n")
+    let wrapped: Vec<String> = lines.iter().map(|line| wrapped(line, "    ")).collect();
+    wrapped.join("\n")
 }
 
 fn to_json(name: &str, key: &Key, default: Option<&toml::Value>) -> Value {

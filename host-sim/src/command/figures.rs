@@ -90,7 +90,7 @@ fn measure(experiment: &Experiment, hide_progress: bool) -> Result<Vec<MeasuredA
     let worlds = experiment.policies.len() as u64 * u64::from(experiment.extent.worlds);
     let progress = progress_bar(
         worlds,
-        "ages {bar:40} {pos}/{len} worlds, {eta} left",
+        "ages {bar:40} {pos}/{len} worlds, {left} left",
         hide_progress,
     );
     let mut measured = Vec::new();

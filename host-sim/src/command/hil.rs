@@ -82,7 +82,7 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
         port: arguments.port,
         answer_limit: ANSWER_LIMIT,
     };
-    let template = "{bar:40} {pos}/{len} slots, {per_sec}, {eta} left";
+    let template = "{bar:40} {pos}/{len} slots, {per_sec}, {left} left";
     let progress = progress_bar(u64::from(arguments.slots), template, arguments.json);
     let start = Instant::now();
     let result = fleet.run(|| progress.inc(1))?;

@@ -10,6 +10,7 @@ pub mod figures;
 pub mod hil;
 pub mod merge;
 pub mod options;
+pub mod refusal;
 pub mod run;
 pub mod scenario;
 pub mod sweep;
@@ -17,6 +18,7 @@ pub mod sweep;
 use clap::error::ErrorKind;
 use kit::error::Result;
 use kit::output;
+use kit::text::WIDTH;
 use kit::{remark, say};
 use std::process::ExitCode;
 
@@ -26,27 +28,18 @@ use std::process::ExitCode;
 /// # Errors
 /// The exit code to end with.
 pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
-    P::try_parse().map_err(|error| {
+    let mut command = P::command().max_term_width(WIDTH);
+    let matches = command.try_get_matches_from_mut(std::env::args_os());
+    let parsed = matches.and_then(|mut matches| P::from_arg_matches_mut(&mut matches));
+    parsed.map_err(|error| {
+        let error = error.format(&mut command);
         if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
             say!("{}", error.to_string().trim_end());
             return finish(Ok(()));
         }
-        remark!("{}", one_line(&error));
+        remark!("{}", refusal::line(&error, &command));
         ExitCode::from(2)
     })
-}
-
-/// What is wrong with a command line, in one line.
-pub fn one_line(error: &clap::Error) -> String {
-    let text = error.to_string();
-    let lines = text
-        .lines()
-        .map(str::trim)
-        .take_while(|line| !line.starts_with("Usage:"));
-    let line: Vec<&str> = lines
-        .filter(|line| !line.is_empty() && !line.starts_with("For more"))
-        .collect();
-    line.join(" ")
 }
 
 /// Prints a program's completion script for a shell.

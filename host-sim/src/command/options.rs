@@ -1,12 +1,14 @@
 //! Options that sub-commands share.
 
 use crate::policy::{Kind, actor};
+use crate::report::table::Table;
 use crate::scenario::{Preset, ScenarioSource};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use kit::choice::Choice;
 use kit::error::{Error, Result};
 use kit::layers::sets;
+use std::fmt::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -78,13 +80,44 @@ pub fn within(range: RangeInclusive<u32>) -> impl TypedValueParser<Value = u32> 
     clap::value_parser!(u32).range(i64::from(*range.start())..=i64::from(*range.end()))
 }
 
+/// How tables are shown.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub struct TextArguments {
+    /// Show all columns of tables, however wide
+    #[arg(long)]
+    pub wide: bool,
+}
+
+impl TextArguments {
+    /// A table's text.
+    pub fn of(self, table: &Table) -> String {
+        if self.wide {
+            format!("{table:#}")
+        } else {
+            table.to_string()
+        }
+    }
+}
+
 /// A progress bar on stderr, unless output is for scripts.
 pub fn progress_bar(steps: u64, template: &str, hidden: bool) -> ProgressBar {
     if hidden {
         return ProgressBar::hidden();
     }
-    let style = ProgressStyle::with_template(template);
-    ProgressBar::new(steps).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(steps).with_style(style.with_key("left", left))
+}
+
+/// The rest by what is done so far: steps come in bursts, from which a rate of late ones reads anything.
+fn left(state: &ProgressState, out: &mut dyn Write) {
+    let (done, all) = (state.pos(), state.len().unwrap_or(0));
+    let rest = all.saturating_sub(done) as f64 / done as f64;
+    let written = match Duration::try_from_secs_f64(state.elapsed().as_secs_f64() * rest) {
+        Ok(rest) => write!(out, "{:#}", HumanDuration(rest)),
+        Err(_) => out.write_str("?"),
+    };
+    // A text in memory takes everything.
+    let _ = written;
 }
 
 /// For work whose length is not known: a message and the time it has taken, on stderr.

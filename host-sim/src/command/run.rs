@@ -1,6 +1,8 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
-use crate::command::options::{ScenarioArguments, check_table_is_used, choice, progress_bar, within};
+use crate::command::options::{
+    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, within,
+};
 use crate::experiment::{Experiment, ExperimentSource, PolicyResult, SLOTS, WARMUP, WORLDS};
 use crate::policy::Kind;
 use crate::report::{ages, cell_figures, pages, traffic};
@@ -65,6 +67,9 @@ pub struct RunOptions {
     /// Worker threads; results do not depend on them [default: one a core]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// How tables are shown.
+    #[command(flatten)]
+    pub text: TextArguments,
     /// Print one JSON object and nothing else; write no files
     #[arg(long)]
     pub json: bool,
@@ -119,7 +124,7 @@ pub fn json(experiment: &Experiment, results: &[PolicyResult], timing: bool) -> 
 /// As [`Experiment::results`].
 pub fn results_with_progress(experiment: &Experiment, hide_progress: bool) -> Result<Vec<PolicyResult>> {
     let worlds = experiment.policies.len() as u64 * u64::from(experiment.extent.worlds);
-    let template = "{msg:14} {bar:40} {pos}/{len} worlds, {per_sec}, {eta} left";
+    let template = "{msg:14} {bar:40} {pos}/{len} worlds, {left} left";
     let progress = progress_bar(worlds, template, hide_progress);
     let results = experiment.results(|policy| {
         progress.set_message(policy);
@@ -150,8 +155,8 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let (description, bound_ms) = (experiment.description(), experiment.simulation().bound_age_ms());
     let age_table = ages::table(&results, &description, bound_ms)?;
     let measures = ages::measures(&results)?;
-    say!("{age_table}");
-    say!("{measures}");
+    say!("{}", options.text.of(&age_table));
+    say!("{}", options.text.of(&measures));
     let mut set = ages::files(&results, &description, bound_ms)?;
     let table = experiment.table.parse()?;
     set.extend(cell_figures::files(
@@ -163,7 +168,7 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
     let traffic_table = has_traffic.then(|| traffic::table(&results, &experiment.scenario));
     let traffic_table = traffic_table.transpose()?;
     if let Some(table) = &traffic_table {
-        say!("{table}");
+        say!("{}", options.text.of(table));
         set.push(("traffic.csv".to_owned(), table.to_csv()));
         set.extend(traffic::paper_figures(&experiment.scenario)?);
     }

@@ -132,7 +132,7 @@ pub fn run(arguments: &SweepArguments) -> Result<()> {
 
 /// Computes points in parallel, and keeps each as soon as it is there.
 fn compute(grid: &Grid, store: &Store, points: &[&Point], hide_progress: bool) -> Result<()> {
-    let template = "{bar:40} {pos}/{len} points, {elapsed} so far, {eta} left";
+    let template = "{bar:40} {pos}/{len} points, {elapsed} so far, {left} left";
     let progress = progress_bar(points.len() as u64, template, hide_progress);
     points.par_iter().with_max_len(1).try_for_each(|point| {
         let object = grid.task(point)?()?;

@@ -22,10 +22,14 @@ fn columns(results: &[PolicyResult], bound_ms: Option<f64>) -> Vec<Column> {
         Column::text("policy", names),
         Column::number("mean_age_ms", means).shown("mean age", "ms", 3),
         others("mean_age_ci95_ms", |ages| ages.ci95_ms).shown("+-95 %", "ms", 3),
-        others("median_world_age_ms", |ages| Some(ages.median_world_ms)).shown("median world", "ms", 3),
+        others("median_world_age_ms", |ages| Some(ages.median_world_ms))
+            .shown("median world", "ms", 3)
+            .aside(),
         others("p99_age_ms", |ages| Some(ages.p99_ms)).shown("99 % within", "ms", 0),
         others("first100_age_ms", |ages| Some(ages.first100_ms)).shown("first 100", "ms", 1),
-        others("success_per_slot", |ages| Some(ages.success_per_slot)).shown("successes", "1/slot", 3),
+        others("success_per_slot", |ages| Some(ages.success_per_slot))
+            .shown("successes", "1/slot", 3)
+            .aside(),
     ]
 }
 
@@ -60,7 +64,7 @@ pub fn measures(results: &[PolicyResult]) -> Result<Table> {
         number("uncapped", |ages| Some(ages.uncapped_mean_ms), "ms", 3),
         number("peak age", |ages| ages.peak_ms, "ms", 3),
         number("> 10 ms", |ages| Some(100.0 * ages.share_above(10)), "%", 3),
-        number("> 20 ms", |ages| Some(100.0 * ages.share_above(20)), "%", 3),
+        number("> 20 ms", |ages| Some(100.0 * ages.share_above(20)), "%", 3).aside(),
         number("> 50 ms", |ages| Some(100.0 * ages.share_above(50)), "%", 3),
         number("worst 5 %", |ages| Some(ages.worst_vehicles_ms), "ms", 3),
         number(

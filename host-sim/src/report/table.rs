@@ -2,6 +2,7 @@
 //! [`parquet`](super::parquet) for scripts.
 
 use kit::error::{Error, Result};
+use kit::text::{WIDTH, wrapped};
 use std::fmt;
 
 /// What people see for a missing value.
@@ -44,6 +45,15 @@ impl Values {
     }
 }
 
+/// Where people see a column; the data have it always.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    Always,
+    /// On a terminal where there is room.
+    WithRoom,
+    Never,
+}
+
 /// A named column of one type. In files its name carries its unit: `mean_age_ms`.
 ///
 /// Values are given as they are, or as options where some are missing.
@@ -54,8 +64,7 @@ pub struct Column {
     head: String,
     unit: String,
     decimals: Option<usize>,
-    /// Whether people see it, or the data alone have it.
-    is_shown: bool,
+    seen: Seen,
 }
 
 impl Column {
@@ -86,7 +95,7 @@ impl Column {
             head: name.to_owned(),
             unit: String::new(),
             decimals: None,
-            is_shown: true,
+            seen: Seen::Always,
         }
     }
 
@@ -103,7 +112,15 @@ impl Column {
     /// In CSV and Parquet alone: nothing that people have to look at.
     pub fn unseen(self) -> Self {
         Self {
-            is_shown: false,
+            seen: Seen::Never,
+            ..self
+        }
+    }
+
+    /// On a terminal only where there is room: what people can miss first.
+    pub fn aside(self) -> Self {
+        Self {
+            seen: Seen::WithRoom,
             ..self
         }
     }
@@ -157,7 +174,8 @@ fn collect<T>(values: impl IntoIterator<Item = impl Into<Option<T>>>) -> Vec<Opt
     values.into_iter().map(Into::into).collect()
 }
 
-/// A table of typed columns, all of one length. Its [`Display`](fmt::Display) is the text for people, which ends in a line break.
+/// A table of typed columns, all of one length. Its [`Display`](fmt::Display) is the text for people, which ends in a line break: columns that
+/// people can miss are left out where they do not fit a terminal. `{:#}` has them all.
 ///
 /// Widths are counted in characters: right for the Latin and Greek letters, digits and signs used here, not for
 /// scripts whose characters are two cells wide.
@@ -217,7 +235,10 @@ impl Table {
 
     /// Those that people see.
     pub fn shown_columns(&self) -> Vec<&Column> {
-        self.columns.iter().filter(|column| column.is_shown).collect()
+        self.columns
+            .iter()
+            .filter(|column| column.seen != Seen::Never)
+            .collect()
     }
 
     /// Values of each column.
@@ -263,13 +284,38 @@ impl fmt::Display for Table {
         }
         let shown = self.shown_columns();
         let with_units = shown.iter().any(|column| !column.unit.is_empty());
-        let columns: Vec<Vec<String>> = shown.iter().map(|column| column.lines(with_units)).collect();
+        let mut columns: Vec<(&Column, Vec<String>)> = shown
+            .iter()
+            .map(|column| (*column, column.lines(with_units)))
+            .collect();
+        let width = |columns: &[(&Column, Vec<String>)]| -> usize {
+            let widths = columns.iter().filter_map(|(_, lines)| lines.first());
+            widths.map(|line| line.chars().count() + GAP.len()).sum()
+        };
+        let mut left_out = Vec::new();
+        while !formatter.alternate() && width(&columns) > WIDTH + GAP.len() {
+            let Some(last) = columns
+                .iter()
+                .rposition(|(column, _)| column.seen == Seen::WithRoom)
+            else {
+                break;
+            };
+            left_out.insert(0, columns.remove(last).0.head());
+        }
+        let columns: Vec<Vec<String>> = columns.into_iter().map(|(_, lines)| lines).collect();
         for line in 0..columns.first().map_or(0, Vec::len) {
             let cells: Vec<&str> = columns.iter().map(|column| column[line].as_str()).collect();
             writeln!(formatter, "{}", cells.join(GAP).trim_end())?;
         }
         for note in &self.notes {
-            writeln!(formatter, "{note}")?;
+            writeln!(formatter, "{}", wrapped(note, ""))?;
+        }
+        if !left_out.is_empty() {
+            writeln!(
+                formatter,
+                "{}",
+                wrapped(&format!("With --wide also: {}.", left_out.join(", ")), "")
+            )?;
         }
         Ok(())
     }

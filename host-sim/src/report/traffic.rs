@@ -30,11 +30,13 @@ pub fn table(results: &[PolicyResult], scenario: &Scenario) -> Result<Table> {
         number("uniform_mean_v_over_c", |traffic| {
             traffic.uniform.mean_volume_over_capacity
         })
-        .shown("uniform V/C", "", 4),
+        .shown("uniform V/C", "", 4)
+        .aside(),
         number("uniform_mean_link_time_s", |traffic| {
             traffic.uniform.mean_link_time
         })
-        .shown("link time", "uniform, s", 3),
+        .shown("link time", "uniform, s", 3)
+        .aside(),
         number("per_road_mean_v_over_c", |traffic| {
             traffic.stale.mean_volume_over_capacity
         })

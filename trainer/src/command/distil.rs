@@ -67,7 +67,7 @@ pub fn distil_table_visibly(
     provenance: Provenance,
     hide_progress: bool,
 ) -> Result<DistilledTable> {
-    let template = "distilling {bar:40} round {pos}/{len}, {eta} left, {msg}";
+    let template = "distilling {bar:40} round {pos}/{len}, {left} left, {msg}";
     let progress = progress_bar(u64::from(recipe.iterations), template, hide_progress);
     let made = distil_table(mixture, recipe, provenance, |round| {
         progress.set_position(u64::from(round.number));

@@ -164,7 +164,7 @@ pub(super) fn trained_results(
     } else {
         2 + u64::from(!tables.is_empty())
     };
-    let template = "{msg:14} {bar:40} {pos}/{len} worlds, {elapsed}, {eta} left";
+    let template = "{msg:14} {bar:40} {pos}/{len} worlds, {elapsed}, {left} left";
     let progress = progress_bar(count * u64::from(extent.worlds), template, hide_progress);
     progress.enable_steady_tick(Duration::from_secs(1));
     let ended = || progress.inc(1);
