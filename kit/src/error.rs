@@ -2,6 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+/// Most characters of what an input says that errors repeat (chosen: enough to find it).
+const LONGEST_SAID: usize = 400;
+
+/// Most characters of what was expected, which may be a list of names (chosen).
+const LONGEST_EXPECTED: usize = 1_000;
+
 /// Why a command could not do its work. Every one ends the program with exit code 2.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -9,9 +15,9 @@ pub enum Error {
     /// Input that does not make sense.
     #[error(
         "{}: found {}, expected {}",
-        one_line(place),
-        one_line(found),
-        one_line(expected)
+        shortened(place, LONGEST_SAID),
+        shortened(found, LONGEST_SAID),
+        shortened(expected, LONGEST_EXPECTED)
     )]
     Input {
         /// File and line, or the name of a key or option.
@@ -75,5 +81,33 @@ fn one_line(text: &str) -> String {
     line
 }
 
+/// One line of at most so many characters: the beginning and the end of a longer one.
+fn shortened(text: &str, longest: usize) -> String {
+    let line = one_line(text);
+    let count = line.chars().count();
+    if count <= longest {
+        return line;
+    }
+    let half = longest / 2;
+    let beginning: String = line.chars().take(half).collect();
+    let end: String = line.chars().skip(count - half).collect();
+    format!("{beginning} ... {end}")
+}
+
 /// A result with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_line_that_people_read() {
+        let short = Error::input("file:3", "two\nlines", "one").to_string();
+        assert_eq!(short, "file:3: found two\\nlines, expected one");
+        let long = Error::input("f", format!("({})", "\u{1}x".repeat(10_000)), "y".repeat(1_000)).to_string();
+        assert!(long.len() < 2_000 && !long.contains('\u{1}'));
+        assert!(long.starts_with("f: found (\\u{1}x") && long.contains("x\\u{1}x), expected yyy"));
+        assert!(long.contains(" ... "));
+    }
+}
