@@ -199,7 +199,11 @@ fn check_total(name: &str, metadata: &Metadata<'_>, trips: &[Trip]) -> Result<()
 fn last_digit(number: &str) -> f64 {
     let (digits, exponent) = number.split_once(['e', 'E']).unwrap_or((number, "0"));
     let decimals = digits.split_once('.').map_or(0, |(_, decimals)| decimals.len());
-    let exponent: i32 = exponent.parse().unwrap_or(0);
+    // A zero's exponent says nothing, or `0e300` would be any total.
+    let zero = digits
+        .bytes()
+        .all(|digit| !digit.is_ascii_digit() || digit == b'0');
+    let exponent: i32 = if zero { 0 } else { exponent.parse().unwrap_or(0) };
     libm::exp10(f64::from(exponent) - decimals as f64)
 }
 

@@ -651,6 +651,11 @@ fn bad_trips_are_named_by_line() {
         ),
         (
             "FLOW> 9.0",
+            "FLOW> 0e300",
+            "trips: found trips that add up to 9, expected 0, as <TOTAL OD FLOW> states",
+        ),
+        (
+            "FLOW> 9.0",
             "FLOW> NaN",
             "trips:2: <TOTAL OD FLOW>: found NaN, expected a finite number, not negative",
         ),
