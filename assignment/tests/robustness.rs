@@ -6,7 +6,8 @@
 use assignment::check::evaluate;
 use assignment::grid::Grid;
 use assignment::{
-    CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, assign, demand::Trip,
+    CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, assign, assign_from, demand::Trip,
+    uninterrupted,
 };
 
 /// A sequence of numbers in 0 to 1, the same everywhere.
@@ -107,18 +108,21 @@ fn city(seed: u64, side: u32, load: f64) -> (Network, Demand) {
 
 #[test]
 fn unseen_networks_are_solved_to_1e_10() {
-    for (seed, side, load) in [
-        (1, 8, 60.0),
-        (2, 8, 120.0),
-        (3, 12, 20.0),
-        (4, 12, 40.0),
-        (5, 18, 8.0),
+    for (seed, side, load, most) in [
+        (1, 8, 60.0, [3, 4]),
+        (2, 8, 120.0, [6, 6]),
+        (3, 12, 20.0, [7, 7]),
+        (4, 12, 40.0, [12, 15]),
+        (5, 18, 8.0, [17, 29]),
     ] {
         let (network, demand) = city(seed, side, load);
         if side == 18 {
             assert!(network.links().len() > 1_000);
         }
-        for objective in [Objective::UserEquilibrium, Objective::SystemOptimum] {
+        for (objective, most) in [Objective::UserEquilibrium, Objective::SystemOptimum]
+            .into_iter()
+            .zip(most)
+        {
             let options = Options {
                 objective,
                 gap: 1e-10,
@@ -127,9 +131,43 @@ fn unseen_networks_are_solved_to_1e_10() {
             let solution = assign(&network, &demand, &options).unwrap();
             let name = format!("seed {seed}, {objective:?}: {:e}", solution.relative_gap);
             assert!(solution.converged, "{name} after {}", solution.iterations);
+            // Without one of the engine's steps the flows are right too, only later. Fewer are welcome.
+            assert!(
+                solution.iterations <= most,
+                "{name} after {}",
+                solution.iterations
+            );
             let judged = evaluate(&network, &demand, objective, &solution.link_flows).unwrap();
             assert!(judged.conserves_demand, "{name}: {judged:?}");
             assert!(judged.relative_gap <= 1.1e-10 + 1e-13, "{name}: {judged:?}");
         }
+    }
+}
+
+#[test]
+fn a_warm_start_takes_few_iterations() {
+    let (network, demand) = city(4, 12, 40.0);
+    let options = Options {
+        gap: 1e-8,
+        ..Options::default()
+    };
+    let before = assign(&network, &demand, &options).unwrap();
+    for (load, most) in [(40.0, 0), (41.0, 4), (60.0, 9)] {
+        let (_, demand) = city(4, 12, load);
+        let warm = assign_from(
+            &network,
+            &demand,
+            &options,
+            &before.path_flows,
+            &mut uninterrupted,
+        )
+        .unwrap();
+        let cold = assign(&network, &demand, &options).unwrap();
+        assert!(warm.iterations < cold.iterations);
+        assert!(
+            warm.converged && warm.iterations <= most,
+            "{load}: {} iterations",
+            warm.iterations
+        );
     }
 }
