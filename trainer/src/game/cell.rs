@@ -58,7 +58,7 @@ pub struct Outcome {
     pub sent: bool,
     /// Whether it was received.
     pub received: bool,
-    /// Its age after the slot.
+    /// Its age after the slot, also where it left for good then.
     pub age: Age,
 }
 
@@ -122,7 +122,10 @@ impl<'s, R: Rules> Cell<'s, R> {
                 observation: (*sensed)?.observation,
                 sent,
                 received: self.environment.received(world, vehicle),
-                age: self.environment.age(world, vehicle),
+                age: match self.environment.replacement(world, vehicle) {
+                    Some(left) => left.last_age,
+                    None => self.environment.age(world, vehicle),
+                },
             })
         });
         outcomes.collect()
@@ -183,8 +186,11 @@ impl<R: Rules> Game for Cell<'_, R> {
         for (world, (rewards, sent)) in worlds.enumerate() {
             let outcomes = self.outcomes(world, sent);
             self.rules.pay(&outcomes, rewards);
-            for (outcome, &reward) in outcomes.iter().flatten().zip(rewards.iter()) {
-                tally.age += f64::from(outcome.age.min(Age::TIME_CONSTRAINT).slots());
+            for (vehicle, (outcome, &reward)) in outcomes.iter().zip(rewards.iter()).enumerate() {
+                let Some(outcome) = outcome else { continue };
+                // As evaluations count: of who is there now.
+                let age = self.environment.age(world, vehicle);
+                tally.age += f64::from(age.min(Age::TIME_CONSTRAINT).slots());
                 tally.received += f64::from(u8::from(outcome.received));
                 tally.reward += f64::from(reward);
                 tally.agent_slots += 1.0;
@@ -194,6 +200,13 @@ impl<R: Rules> Game for Cell<'_, R> {
         self.sense();
     }
 
+    fn ended(&self, ended: &mut [bool]) {
+        ended.fill(false);
+        for left in self.environment.replacements() {
+            ended[left.world * self.room + left.vehicle] = true;
+        }
+    }
+
     fn parts(&self, parts: &mut [f32]) {
         let worlds = parts
             .chunks_exact_mut(self.room)
@@ -201,5 +214,77 @@ impl<R: Rules> Game for Cell<'_, R> {
         for (parts, sensed) in worlds {
             self.rules.parts(sensed, parts);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::game::reward::AgeReward;
+    use host_sim::mobility::Grid;
+    use host_sim::scenario::ScenarioSource;
+    use host_sim::stream::Purpose;
+
+    /// Minus the age.
+    struct Ages;
+
+    impl Rules for Ages {
+        fn extra(&self) -> usize {
+            0
+        }
+
+        fn know<'r>(&self, _world: &[Option<Sensed>], _extras: impl Iterator<Item = &'r mut [f32]>) {}
+
+        fn pay(&self, world: &[Option<Outcome>], rewards: &mut [f32]) {
+            let reward = AgeReward {
+                scale: 1.0,
+                cap: 100.0,
+                success: 0.0,
+            };
+            for (outcome, paid) in world.iter().zip(rewards) {
+                *paid = outcome.map_or(0.0, |outcome| reward.of(outcome.age, outcome.received));
+            }
+        }
+    }
+
+    #[test]
+    fn who_is_replaced_ends_and_is_paid_for_its_own_age() {
+        let source = ScenarioSource {
+            settings: vec![
+                "cell.vehicles=4".into(),
+                "cell.replacement_probability=0.05".into(),
+            ],
+            ..ScenarioSource::default()
+        };
+        let scenario = source.read().unwrap();
+        let environment = Environment::new(&scenario, &Grid, 1, Purpose::Training, 0..2);
+        // Room for one more, who is absent.
+        let mut cell = Cell::new(environment, 5, ObservationForm::Ring, OutputForm::Actions, Ages);
+        let (mut rewards, mut ended, mut tally) = (vec![0.0; 10], vec![false; 10], Tally::default());
+        let (mut ages, mut ends, mut young) = (vec![100.0_f32; 10], 0, 0);
+        for _ in 0..300 {
+            // Full power where one's own place is.
+            cell.step(&[1.0; 10], &mut rewards, &mut tally);
+            cell.ended(&mut ended);
+            for row in 0..10 {
+                let (world, vehicle) = (row / 5, row % 5);
+                if vehicle == 4 {
+                    assert!(rewards[row] == 0.0 && !ended[row]);
+                    continue;
+                }
+                let received = cell.environment.received(world, vehicle);
+                let age = if received {
+                    1.0
+                } else {
+                    (ages[row] + 1.0).min(100.0)
+                };
+                assert_eq!(rewards[row], -age);
+                ends += u32::from(ended[row]);
+                young += u32::from(ended[row] && age < 50.0);
+                ages[row] = if ended[row] { 100.0 } else { age };
+            }
+        }
+        // 120 expected.
+        assert!(ends > 80 && young > 40, "{ends}, {young}");
     }
 }

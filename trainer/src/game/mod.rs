@@ -2,6 +2,7 @@
 
 pub mod actions;
 pub mod cell;
+pub mod reward;
 pub mod start_ages;
 pub mod toy;
 
@@ -38,6 +39,11 @@ pub trait Game {
     /// Carries out every agent's action, `[world][agent][value]`, writes its reward, `[world][agent]`, zero for an absent one, and
     /// adds to the tally.
     fn step(&mut self, actions: &[f32], rewards: &mut [f32], tally: &mut Tally);
+
+    /// Writes whose agent the last step ended, `[world][agent]`: what comes after in its row is another's. In many games nobody's.
+    fn ended(&self, ended: &mut [bool]) {
+        ended.fill(false);
+    }
 
     /// Writes of how many agents' costs every agent's next reward is a mean, `[world][agent]`; in many games of its own alone.
     fn parts(&self, parts: &mut [f32]) {

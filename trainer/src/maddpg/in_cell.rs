@@ -1,18 +1,18 @@
 //! The algorithm in the simulator's cell.
 
 use super::learner::MaddpgLearner;
-use super::options::{AgeScale, Maddpg};
+use super::options::Maddpg;
 #[cfg(test)]
 use crate::configuration::{Algorithm, Configuration, Preset};
 use crate::forms;
 use crate::game::actions::ActionSpace;
 use crate::game::cell::{Cell, Outcome, Rules, Sensed};
+use crate::game::reward::AgeReward;
 use crate::game::{Shape, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
-use firmware::units::Age;
 use host_sim::scenario::Scenario;
 use kit::error::Result;
 
@@ -27,14 +27,7 @@ pub struct MaddpgInCell {
 
 /// Every vehicle is paid for its own age; the global reward is the mean.
 #[derive(Clone, Copy)]
-struct OwnAge {
-    /// An age is divided by this.
-    scale: f32,
-    /// Larger ages count as this.
-    cap: f32,
-    /// What being received adds.
-    success: f32,
-}
+struct OwnAge(AgeReward);
 
 /// Values that critics know besides the observation: the age in its largest, and in twenty slots up to twenty.
 const EXTRA: usize = 2;
@@ -59,8 +52,7 @@ impl Rules for OwnAge {
     fn pay(&self, world: &[Option<Outcome>], rewards: &mut [f32]) {
         for (outcome, reward) in world.iter().zip(rewards) {
             if let Some(outcome) = outcome {
-                let age = f32::from(outcome.age.min(Age::TIME_CONSTRAINT).slots()).min(self.cap);
-                *reward = -age / self.scale + if outcome.received { self.success } else { 0.0 };
+                *reward = self.0.of(outcome.age, outcome.received);
             }
         }
     }
@@ -109,14 +101,7 @@ impl Learner for MaddpgInCell {
         let in_turn = options.phase_resets * (1.0 - self.learner.progress()).max(0.25);
         let mut stream = random::episode(self.seed, episode, START_AGES);
         start_ages::in_turn_or_else(in_turn, &mut environment, &mut stream);
-        let rules = OwnAge {
-            scale: match options.age_scale {
-                AgeScale::Vehicles => present as f32,
-                AgeScale::Ten => 10.0,
-            },
-            cap: options.age_cap,
-            success: options.success_reward,
-        };
+        let rules = OwnAge(options.reward(present));
         let room = self.scenario.cell.vehicles as usize;
         let (observation, output) = (options.observation, options.output_form());
         let mut cell = Cell::new(environment, room, observation, output, rules);

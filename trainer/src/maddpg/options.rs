@@ -2,6 +2,7 @@
 //! leaves open.
 
 use crate::game::actions::ActionSpace;
+use crate::game::reward::AgeReward;
 use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::Scenario;
 use kit::choice::Choice;
@@ -244,6 +245,18 @@ impl Maddpg {
     /// What the actors' outputs mean.
     pub fn output_form(&self) -> OutputForm {
         self.action.with_silence(self.silence)
+    }
+
+    /// What so many vehicles get for their ages.
+    pub fn reward(&self, vehicles: usize) -> AgeReward {
+        AgeReward {
+            scale: match self.age_scale {
+                AgeScale::Vehicles => vehicles as f32,
+                AgeScale::Ten => 10.0,
+            },
+            cap: self.age_cap,
+            success: self.success_reward,
+        }
     }
 
     /// Checksum (CRC-64/XZ) of the module whose losses these networks step down, where users change them there: other losses make

@@ -62,7 +62,7 @@ pub fn play(
         known: vec![0.0; (decided + agents) * width],
         ..Experience::default()
     };
-    let (mut rewards, mut parts) = (vec![0.0; decided], vec![0.0; decided]);
+    let (mut rewards, mut parts, mut ended) = (vec![0.0; decided], vec![0.0; decided], vec![false; decided]);
     let mut pass = Pass::default();
     let (mut scores, mut probabilities) = (Vec::new(), Vec::new());
     for first in (0..decided).step_by(agents) {
@@ -87,13 +87,18 @@ pub fn play(
                 .push(log_probability(probabilities[action]));
         }
         game.parts(&mut parts[slot.clone()]);
-        game.step(&experience.actions[slot.clone()], &mut rewards[slot], tally);
+        game.step(
+            &experience.actions[slot.clone()],
+            &mut rewards[slot.clone()],
+            tally,
+        );
+        game.ended(&mut ended[slot]);
     }
     // The state after the last reward is valued, and then forgotten.
     game.know(&mut experience.known[decided * width..]);
     let values = critic.forward_batch(Rows::all(&experience.known, width), &mut pass);
     experience.known.truncate(decided * width);
-    let advantages = advantages(&rewards, values, agents, recipe.discount, recipe.trace);
+    let advantages = advantages(&rewards, values, &ended, agents, recipe.discount, recipe.trace);
     experience.targets = values
         .iter()
         .zip(&advantages)
