@@ -13,7 +13,7 @@ import numpy as np
 def read_actor(path: str | PathLike[str]) -> Any:
     """The float network in a run folder's `actor.safetensors`, for `evaluate`, `export` or further training in torch.
 
-    Returns a torch `Sequential` of `Linear` and `ReLU`: float32 observations over 64, (rows, 20), to scores (rows, 6).
+    Returns a torch `Sequential` of `Linear` and `ReLU`: float32 observations over 64, (rows, 22), to scores (rows, 7).
 
     Raises OSError for a file that cannot be read, ValueError for one that holds no such network, such as the paper's form, whose
     inputs differ and which has a network for each vehicle.

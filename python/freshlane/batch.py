@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import copy
+import secrets
+from collections.abc import Callable
+from typing import Any, Literal, SupportsIndex, get_args
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
-from . import _arguments
+from . import _arguments, _native
 from ._native import Batch, Scenario, Table, Trace
 from .trace import mobility_of
 
-INPUTS = 22
+INPUTS: int = _native.INPUTS
 """Length of an encoded observation."""
 ONE = 64
 """The int8 code of 1.0 in an observation."""
-ACTIONS = 7
+ACTIONS: int = _native.ACTIONS
 """Number of actions: 0 silent, 1 full power where the vehicle's place in the ring is, 2 to 5 received at the joiner levels 1 to 4 where
 it likes an open sub-channel best, 6 at the first of them where its gain is largest of the sub-channels that carry others' places. Without such a
 sub-channel in the slot all of them are silence."""
 
+MAX_WORLDS = 1_000_000
+"""The most worlds of a batch."""
+
 Encoding = Literal["int8", "float32"]
-Reward = Literal["own", "team"]
+Reward = Literal["own", "team", "paper"]
+RenderMode = Literal["rgb_array"]
 
 
 def observation_space(encoding: Encoding, *leading: int) -> spaces.Box:
     """The space of encoded observations: int8 codes, or these over 64 as float32."""
-    if encoding == "int8":
+    if _arguments.choice("encoding", encoding, get_args(Encoding)) == "int8":
         return spaces.Box(-128, 127, (*leading, INPUTS), np.int8)
-    if encoding == "float32":
-        return spaces.Box(-2.0, 127 / ONE, (*leading, INPUTS), np.float32)
-    raise ValueError(f'encoding: found "{encoding}", expected "int8", "float32"')
+    return spaces.Box(-2.0, 127 / ONE, (*leading, INPUTS), np.float32)
+
+
+def reopen(kind: Callable[..., Any], arguments: dict[str, Any]) -> Any:
+    """An environment with these arguments, whose worlds are of a seed that the operating system draws: what a pickle becomes."""
+    return kind(**arguments, seed=secrets.randbits(64))
 
 
 class BatchEnvironment:
@@ -48,6 +59,14 @@ class BatchEnvironment:
     also without the environment. Python's lock is released while worlds are stepped; another thread that reads a view
     meanwhile sees a mixture of two slots.
 
+    `copy.deepcopy` gives an environment in the same state, which goes on by itself: for tree search. `pickle` and `cloudpickle` give
+    one for a worker: the same arguments, but worlds of a seed that the operating system draws, so that no two workers play the same
+    ones; `reset(seed=...)` makes them repeatable. Worker threads do not survive a fork: what was made before with other than `threads=1`
+    raises RuntimeError after it.
+
+    Where the scenario replaces vehicles, `replaced` says whose index another vehicle has from this slot on. The agent ends there: its reward
+    is for its own last age, and the observation in that row is the other one's.
+
     What an agent may know is what its unit does: `observations`, or the measurement that they encode (`gains_db`, `interference_db`,
     `places`, `assigned`, `weights`, `awaits`) and what it heard of the broadcasts (`ring_places`, `open_sub_channels`, `thresholds`,
     `gains_hold`). A vehicle whose modem measured nothing in a slot has zeros as observation and levels, and its action is silence.
@@ -59,36 +78,53 @@ class BatchEnvironment:
         seed: which training worlds.
         slots: length of an episode in slots, or None for one without end.
         encoding: what `reset` and `step` return, the firmware's "int8" codes or these over 64 as "float32".
-        reward: "own", minus the vehicle's own age after the slot, at most 100, over 100 slots, or "team", the mean of these in its
-            world.
+        reward: "own", minus the vehicle's own age after the slot, at most 100, over 100 slots; "team", the mean of these in its
+            world; or "paper", minus the own age, at most 100, over the number of vehicles, plus 0.05 where it was received.
         mobility: "grid", a file of SUMO floating-car data (.xml, .xml.gz), or what `read_trace` made of it; an absent vehicle's
             values are 0, its place is -1, its action counts for nothing.
         threads: worker threads; one a core without it, and with 1 the caller's own.
 
     Raises:
+        TypeError: an argument of another type.
         ValueError: an argument out of range, more than 4000 vehicles at once, more than 16 sub-channels, or a file that makes no
             sense.
         OSError: a file that cannot be read.
     """
 
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
+    """An episode that is over stays so until `reset`."""
+
     def __init__(
         self,
         scenario: Scenario | None = None,
         *,
-        worlds: int = 256,
-        seed: int = 0,
-        slots: int | None = 1000,
+        worlds: SupportsIndex = 256,
+        seed: SupportsIndex = 0,
+        slots: SupportsIndex | None = 1000,
         encoding: Encoding = "int8",
         reward: Reward = "own",
         mobility: str | Trace = "grid",
-        threads: int | None = None,
+        threads: SupportsIndex | None = None,
     ) -> None:
-        if slots is not None and slots < 1:
-            raise ValueError(f"slots: found {slots}, expected at least 1, or None")
+        scenario, trace = _arguments.scenario(scenario), mobility_of(mobility)
+        worlds, slots = _arguments.whole("worlds", worlds, 1, MAX_WORLDS), _arguments.slots(slots)
+        threads = _arguments.threads(threads)
         single = observation_space(encoding)
-        self._batch = Batch(scenario or Scenario(), mobility_of(mobility), worlds, seed, reward, threads)
+        self._batch = Batch(scenario, trace, worlds, _arguments.seed(seed), reward, threads)
         self._fresh = True
-        self._slots = slots
+        self._arguments: dict[str, Any] = {
+            "scenario": scenario,
+            "worlds": worlds,
+            "slots": slots,
+            "encoding": encoding,
+            "reward": reward,
+            "mobility": trace or "grid",
+            "threads": threads,
+        }
+        self.scenario: Scenario = scenario
+        """The cell."""
+        self.slots: int | None = slots
+        """Length of an episode in slots; None for one without end."""
         self.encoding: Encoding = encoding
         self.worlds: int = self._batch.worlds
         """Number of worlds."""
@@ -99,11 +135,11 @@ class BatchEnvironment:
         self.gains_hold: bool = self._batch.gains_hold
         """Whether a gain as it was measured still says that a transmission will be received, as the base station broadcasts."""
         self.single_observation_space: spaces.Box = single
-        """One vehicle's observation: int8 or float32 (20,)."""
+        """One vehicle's observation: int8 or float32 (22,)."""
         self.single_action_space: spaces.Discrete[Any] = spaces.Discrete(ACTIONS)
         """One vehicle's action."""
         self.observation_space: spaces.Box = observation_space(encoding, self.worlds, self.vehicles)
-        """Everybody's observations: int8 or float32 (worlds, vehicles, 20)."""
+        """Everybody's observations: int8 or float32 (worlds, vehicles, 22)."""
         self.action_space: spaces.MultiDiscrete = spaces.MultiDiscrete(
             np.full((self.worlds, self.vehicles), ACTIONS)
         )
@@ -113,13 +149,34 @@ class BatchEnvironment:
         for ends in (self._never, self._always):
             ends.flags.writeable = False
 
-    def reset(self, *, seed: int | None = None) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begins an episode in worlds that were not seen before, or with a seed in that seed's first worlds.
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reopen, (type(self), self._arguments)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> BatchEnvironment:
+        same = type(self).__new__(type(self))
+        memo[id(self)] = same
+        for name, value in self.__dict__.items():
+            same.__dict__[name] = value.copy() if isinstance(value, Batch) else copy.deepcopy(value, memo)
+        for ends in (same._never, same._always):
+            ends.flags.writeable = False
+        return same
+
+    def __repr__(self) -> str:
+        return f"<BatchEnvironment: {self.worlds} worlds from {self.first_world} on, seed {self.seed}, {self.vehicles} vehicles>"
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def reset(
+        self, *, seed: SupportsIndex | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begins an episode in worlds that were not seen before, or with a seed in that seed's first worlds. There are no options: what
+        they hold means nothing.
 
         Returns the observations and an empty dictionary.
         """
         if seed is not None or not self._fresh:
-            self._batch.reset(seed)
+            self._batch.reset(None if seed is None else _arguments.seed(seed))
         self._fresh = False
         return self._observed(), {}
 
@@ -129,15 +186,17 @@ class BatchEnvironment:
         """Carries out everybody's action and begins the next slot.
 
         Args:
-            actions: integers from 0 to 5, (worlds, vehicles). uint8 in C order is taken as it is, int64 too.
+            actions: integers from 0 to 6, (worlds, vehicles). uint8 in C order is taken as it is, int64 too.
 
         Returns:
-            observations (worlds, vehicles, 20); rewards, float32 (worlds, vehicles); terminations, bool (worlds,), always
-            False; truncations, bool (worlds,), True once the episode's slots are over; an empty dictionary.
+            observations (worlds, vehicles, 22); rewards, float32 (worlds, vehicles); terminations, bool (worlds,), always
+            False, since worlds never end (`replaced` says which agents do); truncations, bool (worlds,), True once the episode's slots
+            are over, and until `reset`; an empty dictionary.
 
         Raises:
             TypeError: actions that are no integers.
             ValueError: actions of another shape or out of range, or a trace at its end. Nothing is carried out then.
+            RuntimeError: in a fork of the process that made the environment, if it has worker threads.
         """
         self._batch.step(_arguments.actions(actions))
         return self._after_slot()
@@ -180,7 +239,7 @@ class BatchEnvironment:
         self,
     ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         self._fresh = False
-        over = self._slots is not None and self._batch.elapsed >= self._slots
+        over = self.slots is not None and self._batch.elapsed >= self.slots
         return self._observed(), self._batch.rewards, self._never, self._always if over else self._never, {}
 
     @property
@@ -200,18 +259,34 @@ class BatchEnvironment:
 
     @property
     def observations(self) -> NDArray[np.int8]:
-        """The firmware's encoded observations: int8 (worlds, vehicles, 20), in steps of 1/64."""
+        """The firmware's encoded observations: int8 (worlds, vehicles, 22), in steps of 1/64."""
         return self._batch.observations
 
     @property
     def float_observations(self) -> NDArray[np.float32]:
-        """The same over 64: float32 (worlds, vehicles, 20)."""
+        """The same over 64: float32 (worlds, vehicles, 22)."""
         return self._batch.float_observations
 
     @property
     def rewards(self) -> NDArray[np.float32]:
-        """Rewards of the last slot: float32 (worlds, vehicles), -1 to -0.01."""
+        """Rewards of the last slot: float32 (worlds, vehicles); "own" and "team" are -1 to -0.01."""
         return self._batch.rewards
+
+    @property
+    def replaced(self) -> NDArray[np.bool_]:
+        """Whose index another vehicle has from this slot on: bool (worlds, vehicles). Everybody's reward is that of who acted before."""
+        return self._batch.replaced
+
+    @property
+    def action_masks(self) -> NDArray[np.bool_]:
+        """What each vehicle may do in this slot that is not in vain as far as its unit can tell: bool (worlds, vehicles, 7). Silence always
+        is; another action is not where there is no sub-channel for it, so that it is silence, or where the measured level is
+        below what a lone transmission at full power needs."""
+        return self._batch.action_masks
+
+    def positions_m(self, world: SupportsIndex) -> NDArray[np.float64]:
+        """Where a world's vehicles are, east and north in metres: float64 (vehicles, 2), NaN for an absent one."""
+        return self._batch.positions_m(_arguments.whole("world", world, 0, self.worlds - 1))
 
     @property
     def ages(self) -> NDArray[np.uint16]:

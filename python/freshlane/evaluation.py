@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, Protocol, SupportsIndex, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,19 +17,42 @@ from .trace import mobility_of
 POLICIES: dict[str, str] = dict(policies())
 """The simulator's own policies with what each does; "actor" is the shipped table."""
 
+PolicyName = Literal[
+    "actor",
+    "central",
+    "clock",
+    "assigned",
+    "grants",
+    "max-weight",
+    "sps",
+    "age-threshold",
+    "aloha",
+    "random",
+    "always",
+]
+"""The names in `POLICIES`, for type checkers."""
+
 Policy = Callable[[NDArray[np.int8]], ArrayLike]
 
 
+class Module(Protocol):
+    """A torch module, for type checkers: they need no torch."""
+
+    def parameters(self) -> Iterator[Any]: ...
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any: ...
+
+
 def evaluate(
-    policy: str | Table | Policy | Any,
+    policy: PolicyName | Table | Policy | Module,
     scenario: Scenario | None = None,
     *,
-    worlds: int = 256,
-    slots: int = 2000,
-    warmup: int = 500,
-    seed: int = 1,
+    worlds: SupportsIndex = 256,
+    slots: SupportsIndex = 2000,
+    warmup: SupportsIndex = 500,
+    seed: SupportsIndex = 1,
     mobility: str | Trace = "grid",
-    threads: int | None = None,
+    threads: SupportsIndex | None = None,
 ) -> Evaluation:
     """Runs a policy on held-out worlds; no training world is among them, whatever the seeds.
 
@@ -37,8 +60,8 @@ def evaluate(
     asked in every slot and steps the same worlds; the numbers are the same for the same decisions.
 
     Args:
-        policy: one of `POLICIES`; a `Table`; a torch module, which gets float32 observations over 64, (rows, 20), and gives
-            scores (rows, 6) of which the largest wins; or a function that gets int8 observations (worlds, vehicles, 20), a
+        policy: one of `POLICIES`; a `Table`; a torch module, which gets float32 observations over 64, (rows, 22), and gives
+            scores (rows, 7) of which the largest wins; or a function that gets int8 observations (worlds, vehicles, 22), a
             read-only view that changes with the next slot, and gives actions (worlds, vehicles).
         scenario: the cell; the paper's by default.
         worlds: independent worlds, 1 to 1,000,000.
@@ -53,7 +76,12 @@ def evaluate(
         ValueError: an argument out of range, a table for another C_min or for fewer vehicles or sub-channels, or actions
             of another shape or out of range.
     """
-    scenario, trace = scenario or Scenario(), mobility_of(mobility)
+    scenario, trace = _arguments.scenario(scenario), mobility_of(mobility)
+    worlds, slots, warmup = (
+        _arguments.whole(name, value, 0, 2**32 - 1)
+        for name, value in (("worlds", worlds), ("slots", slots), ("warmup", warmup))
+    )
+    seed, threads = _arguments.seed(seed), _arguments.threads(threads)
     if isinstance(policy, str):
         return evaluate_policy(policy, Table.shipped(), scenario, trace, worlds, slots, warmup, seed, threads)
     if isinstance(policy, Table):
@@ -68,13 +96,13 @@ def evaluate(
     return batch.summary(getattr(policy, "__name__", type(policy).__name__))
 
 
-def _is_module(policy: object) -> bool:
+def _is_module(policy: object) -> TypeGuard[Module]:
     """Whether it is a torch module. Whoever has one has imported torch."""
     torch = sys.modules.get("torch")
     return torch is not None and isinstance(policy, torch.nn.Module)
 
 
-def _module_policy(module: Any, batch: Batch) -> Policy:
+def _module_policy(module: Module, batch: Batch) -> Policy:
     """The module's best-scored actions."""
     import torch
 

@@ -53,13 +53,13 @@ def export(
     """Quantises a network with the trainer's quantiser, and compares float and int8 on held-out worlds.
 
     Args:
-        network: dense layers with ReLU between them, 20 inputs (observations over 64) and 6 outputs, at most 4 layers: a torch
+        network: dense layers with ReLU between them, 22 inputs (observations over 64) and 7 outputs, at most 4 layers: a torch
             module made of `Linear` and `ReLU` (in `Sequential`s), or pairs of arrays, weights (outputs, inputs) and biases
             (outputs,), from the input on.
         scenario: whose C_min and number of sub-channels the table serves; the paper's by default.
         max_vehicles: most vehicles in a cell that the table may serve; the scenario's without it.
         seed: of the training, kept in the table; also of the training worlds that calibrate the activations.
-        calibration: encoded observations, int8 (rows, 20), whose largest activations set the int8 scales. Without it: those of
+        calibration: encoded observations, int8 (rows, 22), whose largest activations set the int8 scales. Without it: those of
             32 training worlds x 400 slots in which the network decides.
         worlds, slots, warmup, evaluation_seed: the held-out worlds of the comparison.
         threads: worker threads; one a core without it.

@@ -2,45 +2,88 @@
 
 from __future__ import annotations
 
-from typing import Any
+import copy
+import math
+from typing import Any, SupportsIndex, get_args
 
 import numpy as np
-from gymnasium import spaces
+from gymnasium import logger, spaces
 from numpy.typing import NDArray
-from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
+from pettingzoo import AECEnv, ParallelEnv  # type: ignore[import-untyped]
+from pettingzoo.utils import parallel_to_aec  # type: ignore[import-untyped]
 
+from . import _arguments, _picture
 from ._native import Scenario
-from .batch import ACTIONS, BatchEnvironment, Encoding, Reward, observation_space
+from .batch import ACTIONS, BatchEnvironment, Encoding, RenderMode, Reward, observation_space, reopen
 
 Observations = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
 
 
 class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
-    """One world on the urban grid; agents are called "vehicle_0" and so on, and all of them stay to the episode's end.
+    """One world on the urban grid; agents are called "vehicle_0" and so on.
 
-    Observations are the firmware's 20 inputs, actions its 6 actions, rewards minus an age (see `BatchEnvironment`, whose
-    arguments these are). `infos` has each agent's "age_ms" and whether it was "received". Worlds are training worlds: a reset
-    without a seed goes on to the next one of the seed in use. Observations are copies: agents may keep them.
+    Observations are the firmware's 22 inputs, actions its 7 actions, rewards minus an age (see `BatchEnvironment`, whose
+    arguments these are). `infos` has each agent's "age_ms", whether it was "received", whether it was "replaced", and the "action_mask"
+    of `BatchEnvironment.action_masks`. Worlds are training worlds: a reset without a seed goes on to the next one of the seed in use.
+    Observations are copies: agents may keep them.
+
+    Agents stay to the episode's end unless the scenario replaces vehicles ("cell.replacement_probability"). Then an agent whose vehicle
+    leaves is terminated, with the reward for its own last age and the last observation that it made, and whoever comes is a new agent with
+    a number that nobody had before in the episode. `possible_agents` has enough numbers for all but one episode in a million; where they
+    run out, the episode is truncated.
+
+    `copy.deepcopy` goes on from the same state, `pickle` gives a worker other worlds, as for a `BatchEnvironment`.
+
+    Args:
+        scenario, seed, encoding, reward: as of `BatchEnvironment`.
+        slots: length of an episode in slots of 1 ms.
+        max_cycles: the same under PettingZoo's name; it goes first.
+        render_mode: "rgb_array", with which `render` gives a picture, or None.
+
+    Raises:
+        TypeError, ValueError: as `BatchEnvironment`.
     """
 
-    metadata: dict[str, Any] = {"name": "freshlane_v0", "render_modes": [], "is_parallelizable": True}
-    render_mode: str | None = None
+    metadata: dict[str, Any] = {
+        "name": "freshlane_v0",
+        "render_modes": list(get_args(RenderMode)),
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
 
     def __init__(
         self,
         scenario: Scenario | None = None,
         *,
-        seed: int = 0,
-        slots: int = 1000,
+        seed: SupportsIndex = 0,
+        slots: SupportsIndex = 1000,
         encoding: Encoding = "float32",
         reward: Reward = "own",
+        max_cycles: SupportsIndex | None = None,
+        render_mode: RenderMode | None = None,
     ) -> None:
+        length = _arguments.slots(slots if max_cycles is None else max_cycles, "slots" if max_cycles is None else "max_cycles")
+        if render_mode is not None:
+            _arguments.choice("render_mode", render_mode, get_args(RenderMode))
         self._batch = BatchEnvironment(
-            scenario, worlds=1, seed=seed, slots=slots, encoding=encoding, reward=reward, threads=1
+            scenario, worlds=1, seed=seed, slots=length, encoding=encoding, reward=reward, threads=1
         )
-        self.possible_agents: list[str] = [f"vehicle_{vehicle}" for vehicle in range(self._batch.vehicles)]
+        scenario = self._batch.scenario
+        self._arguments: dict[str, Any] = {
+            "scenario": scenario,
+            "slots": length,
+            "encoding": encoding,
+            "reward": reward,
+            "render_mode": render_mode,
+        }
+        self.render_mode: str | None = render_mode
+        self.possible_agents: list[str] = [
+            f"vehicle_{number}" for number in range(self._batch.vehicles + _newcomers(scenario, length or 0))
+        ]
         self.agents: list[str] = []
+        self._next = 0
+        self._state: NDArray[Any] = self._batch._observed()[0].copy()
         # The same objects for every call: what a user seeds stays seeded.
         self.observation_spaces: dict[str, spaces.Space[Any]] = {
             agent: observation_space(encoding) for agent in self.possible_agents
@@ -48,20 +91,36 @@ class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
         self.action_spaces: dict[str, spaces.Space[Any]] = {
             agent: spaces.Discrete(ACTIONS) for agent in self.possible_agents
         }
+        self.state_space: spaces.Box = observation_space(encoding, self._batch.vehicles)
+        """What `state` gives: int8 or float32 (vehicles, 22)."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reopen, (type(self), self._arguments)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ParallelEnvironment:
+        same = type(self).__new__(type(self))
+        memo[id(self)] = same
+        same.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return same
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """One agent's observations: int8 or float32 (20,)."""
+        """One agent's observations: int8 or float32 (22,)."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """One agent's actions: 0 to 5."""
+        """One agent's actions: 0 to 6."""
         return self.action_spaces[agent]
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
-        """Begins an episode in the next world, or in the first one of a seed. There are no options."""
-        self._batch.reset(seed=seed)
-        self.agents = list(self.possible_agents)
-        return self._observations(), self._infos()
+    def reset(
+        self, seed: SupportsIndex | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, Infos]:
+        """Begins an episode in the next world, or in the first one of a seed. There are no options: what they hold means nothing."""
+        observed, _ = self._batch.reset(seed=seed, options=options)
+        self._state = observed[0].copy()
+        # One agent a vehicle, in the order of the vehicles.
+        self.agents = self.possible_agents[: self._batch.vehicles]
+        self._next = len(self.agents)
+        return dict(zip(self.agents, self._state, strict=True)), self._infos()
 
     def step(
         self, actions: dict[str, int]
@@ -70,51 +129,118 @@ class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
 
         Raises ValueError for a missing or unknown agent and for an action out of range, TypeError for one that is no integer.
         """
-        for agent in actions:
-            if agent not in self.agents:
-                raise ValueError(f'actions: found agent "{agent}", expected one of env.agents')
-        for agent in self.agents:
-            if agent not in actions:
-                raise ValueError(f'actions: found none for "{agent}", expected one for each of env.agents')
-        if not self.agents:
-            return {}, {}, {}, {}, {}
-        row = np.asarray([actions[agent] for agent in self.agents])[np.newaxis]
-        _, rewards, _, truncations, _ = self._batch.step(row)
         agents = self.agents
+        try:
+            row = [actions[agent] for agent in agents]
+        except KeyError as missing:
+            raise ValueError(f'actions: found none for "{missing.args[0]}", expected one for each of env.agents') from None
+        if len(row) != len(actions):
+            unknown = next(agent for agent in actions if agent not in agents)
+            raise ValueError(f'actions: found agent "{unknown}", expected one of env.agents')
+        if not agents:
+            return {}, {}, {}, {}, {}
+        batch = self._batch
+        before, ages_before = self._state, batch.ages[0].tolist()
+        observed, rewards, _, truncations, _ = batch.step(np.asarray(row)[np.newaxis])
+        self._state = observed[0].copy()
+        observations = dict(zip(agents, self._state, strict=True))
+        paid: dict[str, float] = dict(zip(agents, rewards[0].tolist(), strict=True))
         over = bool(truncations[0])
-        results = (
-            self._observations(),
-            {agent: float(reward) for agent, reward in zip(agents, rewards[0], strict=True)},
-            dict.fromkeys(agents, False),
-            dict.fromkeys(agents, over),
-            self._infos(),
-        )
+        terminated, truncated = dict.fromkeys(agents, False), dict.fromkeys(agents, over)
+        infos = self._infos()
+        replaced = batch.replaced[0].nonzero()[0].tolist() if batch.replaced.any() else ()
+        staying = list(agents)
+        for vehicle in replaced:
+            agent = agents[vehicle]
+            age = 1 if infos[agent]["received"] else ages_before[vehicle] + 1
+            come = infos[agent] | {"received": False}
+            observations[agent] = before[vehicle]
+            terminated[agent], truncated[agent] = True, False
+            infos[agent] |= {"age_ms": age, "replaced": True}
+            if self._next == len(self.possible_agents):
+                over = True
+                staying[vehicle] = ""
+                continue
+            newcomer = staying[vehicle] = self.possible_agents[self._next]
+            self._next += 1
+            observations[newcomer], infos[newcomer] = self._state[vehicle], come
+            paid[newcomer], terminated[newcomer], truncated[newcomer] = 0.0, False, over
         if over:
-            self.agents = []
-        return results
+            truncated = {agent: not terminated[agent] for agent in truncated}
+        self.agents = [] if over else staying
+        return observations, paid, terminated, truncated, infos
 
     def state(self) -> NDArray[Any]:
-        """All agents' observations: int8 or float32 (vehicles, 20)."""
-        state: NDArray[Any] = self._batch._observed()[0].copy()
-        return state
+        """All vehicles' observations: int8 or float32 (vehicles, 22)."""
+        return self._state.copy()
 
-    def render(self) -> None:
-        """Nothing to see: there are no render modes."""
+    def render(self) -> NDArray[np.uint8] | None:
+        """The cell from above, uint8 (height, width, 3): streets, the base station, and vehicles from green for an age of 1 ms to red for
+        100 ms and more; a ring of white around who was just received. None without a render mode."""
+        if self.render_mode is None:
+            logger.warn('render without a mode: make the environment with render_mode="rgb_array"')
+            return None
+        return _picture.draw(self._batch.scenario, self._batch.positions_m(0), self._batch.ages[0], self._batch.received[0])
 
     def close(self) -> None:
         """Nothing to close."""
 
-    def _observations(self) -> Observations:
-        return dict(zip(self.agents, self.state(), strict=True))
-
     def _infos(self) -> Infos:
-        ages, received = self._batch.ages[0].tolist(), self._batch.received[0].tolist()
+        batch = self._batch
+        known = zip(self.agents, batch.ages[0].tolist(), batch.received[0].tolist(), batch.action_masks[0].astype(np.int8), strict=True)
         return {
-            agent: {"age_ms": ages[vehicle], "received": received[vehicle]}
-            for vehicle, agent in enumerate(self.agents)
+            agent: {"age_ms": age, "received": received, "replaced": False, "action_mask": mask}
+            for agent, age, received, mask in known
         }
 
 
-def parallel_env(scenario: Scenario | None = None, **arguments: Any) -> ParallelEnvironment:
+def _newcomers(scenario: Scenario, slots: int) -> int:
+    """How many numbers newcomers of an episode have: five standard deviations above the mean, and a few."""
+    mean = scenario["cell.replacement_probability"] * scenario["cell.vehicles"] * slots
+    return math.ceil(mean + 5 * math.sqrt(mean) + 5) if mean > 0 else 0
+
+
+def parallel_env(
+    scenario: Scenario | None = None,
+    *,
+    seed: SupportsIndex = 0,
+    slots: SupportsIndex = 1000,
+    encoding: Encoding = "float32",
+    reward: Reward = "own",
+    max_cycles: SupportsIndex | None = None,
+    render_mode: RenderMode | None = None,
+) -> ParallelEnvironment:
     """`ParallelEnvironment` under the name that PettingZoo's tools call."""
-    return ParallelEnvironment(scenario, **arguments)
+    return ParallelEnvironment(
+        scenario,
+        seed=seed,
+        slots=slots,
+        encoding=encoding,
+        reward=reward,
+        max_cycles=max_cycles,
+        render_mode=render_mode,
+    )
+
+
+def env(
+    scenario: Scenario | None = None,
+    *,
+    seed: SupportsIndex = 0,
+    slots: SupportsIndex = 1000,
+    encoding: Encoding = "float32",
+    reward: Reward = "own",
+    max_cycles: SupportsIndex | None = None,
+    render_mode: RenderMode | None = None,
+) -> AECEnv:
+    """The same as a PettingZoo `AECEnv`, whose agents act one after the other."""
+    return parallel_to_aec(
+        parallel_env(
+            scenario,
+            seed=seed,
+            slots=slots,
+            encoding=encoding,
+            reward=reward,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+        )
+    )

@@ -1,40 +1,14 @@
 //! What an environment shows to Python in a slot, `[world][vehicle]`, and how it is filled.
 
+use crate::reward::Reward;
 use crate::shared_array::SharedArray;
-use firmware::observation::{INPUTS, ONE};
-use firmware::units::{Age, Level, Weight};
+use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
+use firmware::observation::{INPUTS, ONE, Observation};
+use firmware::units::{Level, Weight};
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::policy::actor::Encoder;
-use kit::choice::Choice;
 use pyo3::prelude::*;
-
-/// What a vehicle is rewarded for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reward {
-    /// Its own age.
-    Own,
-    /// The mean age of its world's vehicles.
-    Team,
-}
-
-impl Choice for Reward {
-    const ALL: &'static [Self] = &[Self::Own, Self::Team];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Own => "own",
-            Self::Team => "team",
-        }
-    }
-
-    fn meaning(self) -> &'static str {
-        match self {
-            Self::Own => "Its own age",
-            Self::Team => "The mean age of its world's vehicles",
-        }
-    }
-}
 
 /// The place of a vehicle that has none.
 const NO_PLACE: i16 = -1;
@@ -51,7 +25,9 @@ pub struct Arrays {
     pub ages: SharedArray<u16>,
     /// `[world][vehicle]`: received in the slot before.
     pub received: SharedArray<bool>,
-    /// `[world][vehicle]`, minus an age, at most 100 slots, over 100 slots.
+    /// `[world][vehicle]`: another vehicle has the index from this slot on.
+    pub replaced: SharedArray<bool>,
+    /// `[world][vehicle]`, of the slot before; who was replaced is paid for its own age.
     pub rewards: SharedArray<f32>,
     /// `[world][vehicle][sub_channel]`, dB over noise.
     pub gains_db: SharedArray<f32>,
@@ -71,6 +47,8 @@ pub struct Arrays {
     pub open_sub_channels: SharedArray<bool>,
     /// `[world][vehicle]`: the least priority with which to contend, as it heard.
     pub thresholds: SharedArray<u32>,
+    /// `[world][vehicle][action]`: silence, and what can be heard as far as the vehicle knows.
+    pub masks: SharedArray<bool>,
     /// `[vehicle]`: the same in every world.
     pub present: SharedArray<bool>,
 }
@@ -91,6 +69,7 @@ impl Arrays {
             float_observations: SharedArray::zeros(py, inputs)?,
             ages: SharedArray::zeros(py, each)?,
             received: SharedArray::zeros(py, each)?,
+            replaced: SharedArray::zeros(py, each)?,
             rewards: SharedArray::zeros(py, each)?,
             gains_db: SharedArray::zeros(py, levels)?,
             interference_db: SharedArray::zeros(py, levels)?,
@@ -101,7 +80,36 @@ impl Arrays {
             ring_places: SharedArray::zeros(py, each)?,
             open_sub_channels: SharedArray::zeros(py, levels)?,
             thresholds: SharedArray::zeros(py, each)?,
+            masks: SharedArray::zeros(py, (worlds, vehicles, ACTIONS))?,
             present: SharedArray::zeros(py, vehicles)?,
+        })
+    }
+
+    /// Arrays with the same values in memory of their own.
+    ///
+    /// # Errors
+    /// If they do not fit the memory.
+    pub fn copy(&mut self, py: Python<'_>) -> PyResult<Self> {
+        Ok(Self {
+            vehicles: self.vehicles,
+            sub_channels: self.sub_channels,
+            observations: self.observations.copy(py)?,
+            float_observations: self.float_observations.copy(py)?,
+            ages: self.ages.copy(py)?,
+            received: self.received.copy(py)?,
+            replaced: self.replaced.copy(py)?,
+            rewards: self.rewards.copy(py)?,
+            gains_db: self.gains_db.copy(py)?,
+            interference_db: self.interference_db.copy(py)?,
+            places: self.places.copy(py)?,
+            assigned: self.assigned.copy(py)?,
+            weights: self.weights.copy(py)?,
+            awaits: self.awaits.copy(py)?,
+            ring_places: self.ring_places.copy(py)?,
+            open_sub_channels: self.open_sub_channels.copy(py)?,
+            thresholds: self.thresholds.copy(py)?,
+            masks: self.masks.copy(py)?,
+            present: self.present.copy(py)?,
         })
     }
 
@@ -110,6 +118,7 @@ impl Arrays {
         let each = worlds * self.vehicles;
         let mut ages = self.ages.values_mut().chunks_mut(each);
         let mut received = self.received.values_mut().chunks_mut(each);
+        let mut replaced = self.replaced.values_mut().chunks_mut(each);
         let mut rewards = self.rewards.values_mut().chunks_mut(each);
         let observations = self.observations.values_mut().chunks_mut(each * INPUTS);
         let parts = observations.filter_map(|observations| {
@@ -117,6 +126,7 @@ impl Arrays {
                 observations,
                 ages: ages.next()?,
                 received: received.next()?,
+                replaced: replaced.next()?,
                 rewards: rewards.next()?,
             })
         });
@@ -166,6 +176,30 @@ impl Arrays {
         }
     }
 
+    /// Fills the masks of a part whose first world is `first`. What is no transmission is masked beside silence, and what is, where even
+    /// full power would be too weak to be received alone at the level that was measured.
+    pub fn fill_masks(&mut self, first: usize, environment: &Environment<'_>, plan: &PowerPlan) {
+        let required = environment.scenario().radio.required_level();
+        let (masks, _) = self.masks.values_mut().as_chunks_mut::<ACTIONS>();
+        for world in 0..environment.worlds() {
+            for vehicle in 0..self.vehicles {
+                let mask = &mut masks[(first + world) * self.vehicles + vehicle];
+                *mask = Action::ALL.map(|action| action == Action::Silent);
+                if !environment.presence().contains(world, vehicle) {
+                    continue;
+                }
+                if let Some(measurement) = environment.measurement(world, vehicle) {
+                    let observation = Observation::new(&measurement, environment.identity(world, vehicle));
+                    for (allowed, action) in mask.iter_mut().zip(Action::ALL) {
+                        if let Decision::Transmit { sub_channel, .. } = plan.decision(action, &observation) {
+                            *allowed = observation.gain()[sub_channel.index()] >= required;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     /// Fills the floats from the integers.
     pub fn fill_float_observations(&mut self) {
         let codes = self.observations.values_mut();
@@ -181,12 +215,13 @@ pub struct Part<'a> {
     observations: &'a mut [i8],
     ages: &'a mut [u16],
     received: &'a mut [bool],
+    replaced: &'a mut [bool],
     rewards: &'a mut [f32],
 }
 
 impl Part<'_> {
     /// Takes in a slot's beginning.
-    pub fn fill(&mut self, environment: &Environment<'_>, encoder: &Encoder, reward: Reward) {
+    pub fn fill(&mut self, environment: &Environment<'_>, encoder: &Encoder, reward: &Reward) {
         let vehicles = environment.vehicles();
         if environment.present().len() < vehicles {
             self.observations.fill(0);
@@ -204,8 +239,12 @@ impl Part<'_> {
                 self.fill_vehicle(environment, &encoder, block, vehicle, (first, worlds));
             }
         }
+        self.replaced.fill(false);
+        for left in environment.replacements() {
+            self.replaced[left.world * vehicles + left.vehicle] = true;
+        }
         for world in 0..environment.worlds() {
-            self.fill_rewards(world * vehicles, environment.present(), reward);
+            self.fill_rewards(environment, world, reward);
         }
     }
 
@@ -241,16 +280,22 @@ impl Part<'_> {
         }
     }
 
-    fn fill_rewards(&mut self, first: usize, present: &[usize], reward: Reward) {
-        let most = Age::TIME_CONSTRAINT.slots();
-        let of_age = |age: f32| -age / f32::from(most);
-        let age = |vehicle: &usize| f32::from(self.ages[first + vehicle].min(most));
-        let mean = present.iter().map(age).sum::<f32>() / present.len().max(1) as f32;
-        for vehicle in present {
-            self.rewards[first + vehicle] = match reward {
-                Reward::Own => of_age(age(vehicle)),
-                Reward::Team => of_age(mean),
-            };
+    fn fill_rewards(&mut self, environment: &Environment<'_>, world: usize, reward: &Reward) {
+        let (present, first) = (environment.present(), world * environment.vehicles());
+        let paid = |&vehicle: &usize| {
+            let left = environment.replacement(world, vehicle);
+            let age = left.map_or_else(|| environment.age(world, vehicle), |left| left.last_age);
+            reward.own.of(age, self.received[first + vehicle])
+        };
+        if reward.shared {
+            let mean = present.iter().map(paid).sum::<f32>() / present.len().max(1) as f32;
+            present
+                .iter()
+                .for_each(|vehicle| self.rewards[first + vehicle] = mean);
+        } else {
+            for vehicle in present {
+                self.rewards[first + vehicle] = paid(vehicle);
+            }
         }
     }
 }

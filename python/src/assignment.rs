@@ -1,6 +1,7 @@
 //! The traffic assignment engine as a function from arrays.
 
 use crate::error::{exception, value_error};
+use crate::fields::by_fields;
 use assignment::demand::Trip;
 use assignment::{
     Algorithm, CostWeights, Demand, Link, Network, NodeNumbering, Objective, Options, Stop, assign,
@@ -8,6 +9,7 @@ use assignment::{
 use kit::choice::Choice as _;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::collections::HashMap;
 
 /// Link flows and how good they are.
@@ -28,11 +30,24 @@ pub struct Assignment {
     /// Whether the gap asked for was reached.
     converged: bool,
     /// Why it ended: "gap", "iterations" or "stagnation".
-    stopped: &'static str,
+    stopped: String,
+}
+
+by_fields! { Assignment:
+    flows, costs, relative_gap, objective, total_travel_time, iterations, converged, stopped,
 }
 
 #[pymethods]
 impl Assignment {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
+        Ok((py.get_type::<Self>().getattr("_of_fields")?, (self.fields(py)?,)))
+    }
+
+    #[staticmethod]
+    fn _of_fields(fields: &Bound<'_, PyDict>) -> PyResult<Self> {
+        Self::of_fields(fields)
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<Assignment: relative gap {:.3e} after {} iterations, total travel time {}>",
@@ -117,7 +132,8 @@ pub fn assign_arrays(
             Stop::Stagnation => "stagnation",
             Stop::Time => "time",
             Stop::Interrupted => "signal",
-        },
+        }
+        .to_owned(),
     })
 }
 

@@ -1,8 +1,8 @@
 //! The batch of worlds as a Python class: checks what comes in, hands out the views.
 
-use crate::arrays::Reward;
-use crate::error::{exception, in_c_order, value_error};
+use crate::error::{check_range, exception, in_c_order, value_error};
 use crate::evaluation::Evaluation;
+use crate::reward::{self, Reward};
 use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
 use crate::trace::Trace;
@@ -12,7 +12,7 @@ use host_sim::policy::actor;
 use host_sim::simulation::Extent;
 use host_sim::stream::Purpose;
 use kit::choice::Choice as _;
-use numpy::{Element, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Element, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::fmt::Display;
 
@@ -50,7 +50,8 @@ impl Batch {
         reward: &str,
         threads: Option<u16>,
     ) -> PyResult<Self> {
-        let reward = Reward::of_name("reward", reward).map_err(exception)?;
+        let name = reward::Name::of_name("reward", reward).map_err(exception)?;
+        let reward = Reward::new(name, &scenario.inner).map_err(exception)?;
         let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Training;
         Ok(Self {
@@ -74,9 +75,10 @@ impl Batch {
         threads: Option<u16>,
     ) -> PyResult<Self> {
         let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
+        let reward = Reward::new(reward::Name::Own, &scenario.inner).map_err(exception)?;
         let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Evaluation;
-        let mut worlds = Worlds::new(py, setting, purpose, seed, worlds, Reward::Own, threads)?;
+        let mut worlds = Worlds::new(py, setting, purpose, seed, worlds, reward, threads)?;
         worlds.check_slots(extent.slots_per_world())?;
         worlds.record(warmup);
         Ok(Self {
@@ -109,12 +111,21 @@ impl Batch {
         ))
     }
 
+    /// A batch in the same state, which goes on by itself, with arrays of its own.
+    fn copy(&mut self, py: Python<'_>) -> PyResult<Self> {
+        Ok(Self {
+            worlds: self.worlds.copy(py)?,
+            extent: self.extent,
+        })
+    }
+
     /// Begins anew: with the first worlds of another seed, or with the worlds behind the last ones.
     #[pyo3(signature = (seed = None))]
     fn reset(&mut self, py: Python<'_>, seed: Option<u64>) -> PyResult<()> {
         if self.extent.is_some() {
             return Err(value_error("reset", "held-out worlds", "training worlds"));
         }
+        self.worlds.check_process()?;
         py.detach(|| self.worlds.reset(seed));
         Ok(())
     }
@@ -125,6 +136,7 @@ impl Batch {
             Actions::Bytes(array) => self.checked_actions(array)?,
             Actions::Words(array) => self.checked_actions(array)?,
         };
+        self.worlds.check_process()?;
         self.worlds.check_slots(self.worlds.elapsed() + 1)?;
         py.detach(|| self.worlds.act(&actions));
         Ok(())
@@ -140,6 +152,7 @@ impl Batch {
         // Copied before they are checked: other threads may write them as soon as the interpreter lock is released.
         let sub_channels = self.values("sub_channels", &sub_channels)?.to_vec();
         let powers_dbm = self.values("powers_dbm", &powers_dbm)?.to_vec();
+        self.worlds.check_process()?;
         self.worlds.check_slots(self.worlds.elapsed() + 1)?;
         let radio = &self.worlds.setting().scenario.radio;
         let (last, full_power_dbm) = (radio.sub_channels as i8 - 1, radio.max_power_dbm);
@@ -227,6 +240,27 @@ impl Batch {
     #[getter]
     fn received(&self, py: Python<'_>) -> Py<PyAny> {
         self.worlds.arrays.received.view(py)
+    }
+
+    #[getter]
+    fn replaced(&self, py: Python<'_>) -> Py<PyAny> {
+        self.worlds.arrays.replaced.view(py)
+    }
+
+    #[getter]
+    fn action_masks(&mut self, py: Python<'_>) -> Py<PyAny> {
+        py.detach(|| self.worlds.fill_masks());
+        self.worlds.arrays.masks.view(py)
+    }
+
+    /// Where a world's vehicles are: float64 (vehicles, 2), metres, NaN for an absent one.
+    fn positions_m<'py>(&self, py: Python<'py>, world: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        check_range("world", world as u64, 0, self.worlds.worlds() as u64 - 1)?;
+        let rows = self.worlds.positions_m(world);
+        Ok(PyArray2::from_vec2(
+            py,
+            &rows.iter().map(|row| row.to_vec()).collect::<Vec<_>>(),
+        )?)
     }
 
     #[getter]

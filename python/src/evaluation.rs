@@ -1,6 +1,7 @@
 //! The held-out protocol: the same worlds, and the same numbers, as the command line's.
 
 use crate::error::{check_range, exception};
+use crate::fields::by_fields;
 use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
 use crate::trace::Trace;
@@ -12,6 +13,7 @@ use host_sim::thread_pool;
 use kit::choice::Choice as _;
 use numpy::PyArray1;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Ages of a policy on held-out worlds. One slot is 1 ms.
 #[pyclass(frozen, get_all, module = "freshlane")]
@@ -108,8 +110,24 @@ impl Evaluation {
     }
 }
 
+by_fields! { Evaluation:
+    policy, vehicles, worlds, slots, warmup, seed, bound_age_ms, mean_age_ms, mean_age_ci95_ms, uncapped_mean_age_ms,
+    median_world_age_ms, p99_age_ms, first100_age_ms, success_per_slot, peak_age_ms, age_above_10_ms, age_above_20_ms,
+    age_above_50_ms, worst_vehicles_ms, uncapped_worst_vehicles_ms, transmissions_per_vehicle_slot,
+    energy_mj_per_vehicle_slot, distribution, start_ms,
+}
+
 #[pymethods]
 impl Evaluation {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
+        Ok((py.get_type::<Self>().getattr("_of_fields")?, (self.fields(py)?,)))
+    }
+
+    #[staticmethod]
+    fn _of_fields(fields: &Bound<'_, PyDict>) -> PyResult<Self> {
+        Self::of_fields(fields)
+    }
+
     fn __repr__(&self) -> String {
         let interval = self
             .mean_age_ci95_ms

@@ -9,6 +9,9 @@ mod batch;
 mod error;
 mod evaluation;
 mod export;
+mod fields;
+mod parts;
+mod reward;
 mod scenario;
 mod shared_array;
 mod speed;
@@ -18,6 +21,16 @@ mod worlds;
 
 #[pyo3::pymodule]
 mod _native {
+    /// Actions of a vehicle.
+    #[pymodule_export]
+    const ACTIONS: usize = firmware::decision::ACTIONS;
+    /// Length of an encoded observation.
+    #[pymodule_export]
+    const INPUTS: usize = firmware::observation::INPUTS;
+    /// The product's version.
+    #[pymodule_export]
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
+
     #[pymodule_export]
     use crate::assignment::{Assignment, assign_arrays};
     #[pymodule_export]

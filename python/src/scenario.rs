@@ -8,7 +8,7 @@ use kit::choice::Choice as _;
 use kit::keys::listed;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBool, PyDict};
 use std::path::PathBuf;
 
 /// A checked scenario: who is in the cell, its radio, its streets.
@@ -32,7 +32,12 @@ impl Scenario {
         let preset = Preset::of_name("preset", preset).map_err(exception)?;
         let mut lines = Vec::new();
         for (key, value) in settings.into_iter().flatten() {
-            lines.push(format!("{}={}", key.extract::<String>()?, value.str()?));
+            // As TOML has it, not Python.
+            let value = match value.cast::<PyBool>() {
+                Ok(flag) => flag.is_true().to_string(),
+                Err(_) => value.str()?.to_string(),
+            };
+            lines.push(format!("{}={value}", key.extract::<String>()?));
         }
         let source = ScenarioSource {
             preset,
@@ -61,9 +66,20 @@ impl Scenario {
 
     /// Every key's value: {section: {key: value}}.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let text = serde_json::to_string(&self.inner)
-            .map_err(|error| value_error("scenario", error, "values that JSON can hold"))?;
-        py.import("json")?.call_method1("loads", (text,))
+        py.import("json")?.call_method1("loads", (self.json()?,))
+    }
+
+    /// Every key's value as JSON, which `_of_json` reads back to the last bit.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        Ok((py.get_type::<Self>().getattr("_of_json")?, (self.json()?,)))
+    }
+
+    #[staticmethod]
+    fn _of_json(text: &str) -> PyResult<Self> {
+        let inner: scenario::Scenario = serde_json::from_str(text)
+            .map_err(|error| value_error("scenario", error, "every key of a scenario"))?;
+        inner.check().map_err(exception)?;
+        Ok(Self { inner })
     }
 
     fn __repr__(&self) -> String {
@@ -72,6 +88,13 @@ impl Scenario {
             "<Scenario: {} vehicles, {} sub-channels, {} dBm, C_min {} bit/s/Hz>",
             cell.vehicles, radio.sub_channels, radio.max_power_dbm, radio.min_spectral_efficiency
         )
+    }
+}
+
+impl Scenario {
+    fn json(&self) -> PyResult<String> {
+        serde_json::to_string(&self.inner)
+            .map_err(|error| value_error("scenario", error, "values that JSON can hold"))
     }
 }
 

@@ -95,6 +95,17 @@ impl<T: Plain> SharedArray<T> {
         Ok(Self { start, length, view })
     }
 
+    /// The same values in memory of their own.
+    ///
+    /// # Errors
+    /// As [`SharedArray::zeros`].
+    pub fn copy(&mut self, py: Python<'_>) -> PyResult<Self> {
+        let shape = self.view.bind(py).getattr("shape")?;
+        let mut copy = Self::zeros(py, shape.extract::<Vec<usize>>()?)?;
+        copy.values_mut().copy_from_slice(self.values_mut());
+        Ok(copy)
+    }
+
     /// The numpy array.
     pub fn view(&self, py: Python<'_>) -> Py<PyAny> {
         self.view.clone_ref(py)

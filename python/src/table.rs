@@ -77,6 +77,13 @@ impl Table {
         write_whole(&path, self.inner.bytes()).map_err(exception)
     }
 
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((
+            py.get_type::<Self>().getattr("from_bytes")?,
+            (self.__bytes__(py),),
+        ))
+    }
+
     /// The table's bytes.
     fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, self.inner.bytes())
@@ -115,7 +122,7 @@ impl Table {
 
     /// The network's outputs for encoded observations.
     ///
-    /// observations: int8 (..., 22), in C order. Returns int32 (..., 6) in the table's common output scale.
+    /// observations: int8 (..., 22), in C order. Returns int32 (..., 7) in the table's common output scale.
     ///
     /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn outputs<'py>(
@@ -131,7 +138,7 @@ impl Table {
 
     /// What units that run this table do.
     ///
-    /// observations: int8 (..., 22), in C order. Returns uint8 (...): actions 0 to 5, the first of equal outputs.
+    /// observations: int8 (..., 22), in C order. Returns uint8 (...): actions 0 to 6, the first of equal outputs.
     ///
     /// Raises TypeError for another type, ValueError for another shape or order, or a table whose network sees something else.
     fn act<'py>(

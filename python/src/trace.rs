@@ -1,9 +1,10 @@
 //! Recorded mobility: SUMO floating-car data, whose XML Python's own parser reads.
 
-use crate::error::exception;
+use crate::error::{exception, value_error};
 use host_sim::mobility::floating_car_data::{self, TraceBuilder};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use std::collections::HashMap;
 
 /// The recorded movement of many vehicles, from SUMO's floating-car data.
@@ -24,6 +25,22 @@ impl Trace {
     #[getter]
     fn slots(&self) -> u32 {
         self.inner.duration_slots()
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = serde_json::to_vec(&self.inner)
+            .map_err(|error| value_error("trace", error, "one that memory holds"))?;
+        Ok((
+            py.get_type::<Self>().getattr("_of_bytes")?,
+            (PyBytes::new(py, &bytes),),
+        ))
+    }
+
+    #[staticmethod]
+    fn _of_bytes(data: &[u8]) -> PyResult<Self> {
+        let inner = serde_json::from_slice(data)
+            .map_err(|error| value_error("data", error, "a trace of this version"))?;
+        Ok(Self { inner })
     }
 
     fn __repr__(&self) -> String {

@@ -1,7 +1,9 @@
 //! A batch of worlds that Python steps: the simulator's environments in parts, one part a task of the thread pool.
 
-use crate::arrays::{Arrays, Part, Reward};
+use crate::arrays::{Arrays, Part};
 use crate::error::{check_range, exception};
+use crate::parts::Parts;
+use crate::reward::Reward;
 use crate::scenario::Setting;
 use firmware::decision::{Action, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
@@ -13,29 +15,19 @@ use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::mobility::check_slots;
-use host_sim::policy::actor::Encoder;
+use host_sim::policy::actor::{self, Encoder};
 use host_sim::policy::power_plan;
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::stream::Purpose;
 use host_sim::thread_pool;
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use self_cell::self_cell;
+use std::sync::Arc;
 use trainer::forms::check_sub_channels;
 
-/// Worlds of a part: one row, the least that the simulator does at once.
+/// Worlds of a part: one row, the least that the simulator does at once. So a part is one block.
 const PART_WORLDS: usize = LANES;
-
-/// Environments of a setting, one a part.
-type Environments<'s> = Vec<Environment<'s>>;
-
-self_cell!(
-    struct Parts {
-        owner: Setting,
-        #[not_covariant]
-        dependent: Environments,
-    }
-);
 
 /// Many worlds of one scenario, slot by slot, and the arrays that show them.
 pub struct Worlds {
@@ -47,7 +39,9 @@ pub struct Worlds {
     /// Ages of recorded worlds, one a part.
     counters: Vec<AgeCounter>,
     /// None for one thread, which is the caller's.
-    pool: Option<rayon::ThreadPool>,
+    pool: Option<Arc<rayon::ThreadPool>>,
+    /// The process whose threads the pool has.
+    process: u32,
     encoder: Encoder,
     power_plan: PowerPlan,
     reward: Reward,
@@ -61,6 +55,7 @@ pub struct Worlds {
     /// Whether the floats, and the measurements, are the present slot's.
     floats_filled: bool,
     measurements_filled: bool,
+    masks_filled: bool,
 }
 
 /// A part with its share of everything that a step writes.
@@ -109,7 +104,9 @@ impl Worlds {
             pool: own_pool
                 .then(|| thread_pool(threads))
                 .transpose()
-                .map_err(exception)?,
+                .map_err(exception)?
+                .map(Arc::new),
+            process: std::process::id(),
             encoder: Encoder::new(scenario.radio.required_level()),
             power_plan: power_plan(scenario),
             reward,
@@ -121,6 +118,7 @@ impl Worlds {
             vehicles,
             floats_filled: false,
             measurements_filled: false,
+            masks_filled: false,
             parts: Parts::new(setting, |Setting { scenario, source }| {
                 let part = |range: std::ops::Range<usize>| {
                     let worlds = range.start as u64..range.end as u64;
@@ -131,6 +129,38 @@ impl Worlds {
         };
         py.detach(|| batch.run(|_, _| ()));
         Ok(batch)
+    }
+
+    /// Worlds in the same state, which go on by themselves, and arrays of their own.
+    ///
+    /// # Errors
+    /// `ValueError` for what does not fit the memory.
+    pub fn copy(&mut self, py: Python<'_>) -> PyResult<Self> {
+        Ok(Self {
+            parts: self.parts.copy().map_err(exception)?,
+            arrays: self.arrays.copy(py)?,
+            decisions: self.decisions.clone(),
+            counters: self.counters.clone(),
+            pool: self.pool.clone(),
+            encoder: self.encoder.clone(),
+            ..*self
+        })
+    }
+
+    /// Checks that the worker threads are there: a fork does not copy them, and waiting for them would never end.
+    ///
+    /// # Errors
+    /// `RuntimeError` in a process that was forked off after the worlds were made.
+    pub fn check_process(&self) -> PyResult<()> {
+        let here = std::process::id();
+        if self.pool.is_none() || here == self.process {
+            return Ok(());
+        }
+        Err(PyRuntimeError::new_err(format!(
+            "environment: found process {here}, a fork of process {}, which has the environment's threads, expected that one: make the \
+             environment in the process that uses it, start processes with \"spawn\", or set threads=1",
+            self.process
+        )))
     }
 
     /// Records ages from the next slot on; those of the first `warmup` slots count for the cold start only.
@@ -158,7 +188,7 @@ impl Worlds {
 
     /// What the worlds are made of.
     pub fn setting(&self) -> &Setting {
-        self.parts.borrow_owner()
+        self.parts.setting()
     }
 
     /// How many worlds.
@@ -173,10 +203,8 @@ impl Worlds {
 
     /// Whether gains as they were measured still say that a transmission will be received, as the base station broadcasts.
     pub fn gains_hold(&self) -> bool {
-        self.parts.with_dependent(|_, environments| {
-            let first = environments.first();
-            first.is_some_and(|environment| environment.broadcasts(0).gains_hold())
-        })
+        let first = self.parts.environments().first();
+        first.is_some_and(|environment| environment.broadcasts(0).gains_hold())
     }
 
     /// Slots since the worlds began.
@@ -225,16 +253,38 @@ impl Worlds {
 
     /// Carries out every vehicle's action, `[world][vehicle]`, and begins the next slot.
     pub fn act(&mut self, actions: &[Action]) {
-        let (vehicles, plan) = (self.vehicles, self.power_plan);
-        self.advance(|task, world, vehicle| {
-            let action = actions[(task.first + world) * vehicles + vehicle];
-            if action == Action::Silent {
+        let (vehicles, plan, encoder) = (self.vehicles, self.power_plan, self.encoder.clone());
+        self.advance(|task| {
+            let Task {
+                first,
+                environment,
+                decisions,
+                ..
+            } = task;
+            let worlds = environment.worlds();
+            let of = |world: usize, vehicle: usize| actions[(*first + world) * vehicles + vehicle];
+            if worlds == 1 || environment.scenario().feedback.measurement_loss > 0.0 {
+                // A row of which one lane counts is more work than one unit, and units that measured nothing stay silent.
+                for &vehicle in environment.present() {
+                    for world in 0..worlds {
+                        if let Some(measurement) = environment.measurement(world, vehicle) {
+                            let observation =
+                                Observation::new(&measurement, environment.identity(world, vehicle));
+                            decisions.set(world, vehicle, plan.decision(of(world, vehicle), &observation));
+                        }
+                    }
+                }
                 return;
             }
-            if let Some(measurement) = task.environment.measurement(world, vehicle) {
-                let identity = task.environment.identity(world, vehicle);
-                let decision = plan.decision(action, &Observation::new(&measurement, identity));
-                task.decisions.set(world, vehicle, decision);
+            let mut encoder = encoder.clone();
+            encoder.hear(&environment.broadcasts(0));
+            let mut chosen = [Action::Silent as i32; LANES];
+            for &vehicle in environment.present() {
+                for (world, chosen) in chosen[..worlds].iter_mut().enumerate() {
+                    *chosen = of(world, vehicle) as i32;
+                }
+                let senses = environment.senses(0, vehicle);
+                actor::carry_out(&encoder, &plan, &senses, &chosen, &mut decisions.of(0, vehicle));
             }
         });
     }
@@ -242,37 +292,30 @@ impl Worlds {
     /// Carries out transmissions, `[world][vehicle]`, and begins the next slot. A negative sub-channel is silence.
     pub fn transmit(&mut self, sub_channels: &[i8], powers_dbm: &[f32]) {
         let vehicles = self.vehicles;
-        self.advance(|task, world, vehicle| {
-            let index = (task.first + world) * vehicles + vehicle;
-            if let Ok(sub_channel) = usize::try_from(sub_channels[index]) {
-                // Rounded down to the units' 1/256 dB, so that no limit is exceeded.
-                let power = Dbm::from_bits((powers_dbm[index] * 256.0).floor() as i16);
-                task.decisions.transmit(world, vehicle, sub_channel, power);
+        self.advance(|task| {
+            for &vehicle in task.environment.present() {
+                for world in 0..task.environment.worlds() {
+                    let index = (task.first + world) * vehicles + vehicle;
+                    if let Ok(sub_channel) = usize::try_from(sub_channels[index]) {
+                        // Rounded down to the units' 1/256 dB, so that no limit is exceeded.
+                        let power = Dbm::from_bits((powers_dbm[index] * 256.0).floor() as i16);
+                        task.decisions.transmit(world, vehicle, sub_channel, power);
+                    }
+                }
             }
         });
     }
 
     /// Lets `decide` decide for every present vehicle of every part, carries the decisions out, and looks at the next slot.
-    fn advance(&mut self, decide: impl Fn(&mut Task<'_, '_>, usize, usize) + Sync) {
+    fn advance(&mut self, decide: impl Fn(&mut Task<'_, '_>) + Sync) {
         let slot = self.elapsed;
         self.elapsed += 1;
         self.run(|_, task| {
             task.decisions.clear();
-            for place in 0..task.environment.present().len() {
-                let vehicle = task.environment.present()[place];
-                for world in 0..task.environment.worlds() {
-                    decide(task, world, vehicle);
-                }
-            }
-            let Task {
-                environment,
-                decisions,
-                counter,
-                ..
-            } = task;
-            environment.step(decisions);
-            if let Some(counter) = counter {
-                counter.record(slot, environment);
+            decide(task);
+            task.environment.step(task.decisions);
+            if let Some(counter) = &mut task.counter {
+                counter.record(slot, task.environment);
             }
         });
     }
@@ -281,11 +324,12 @@ impl Worlds {
     fn run(&mut self, work: impl for<'s> Fn(&'s Setting, &mut Task<'_, 's>) + Sync) {
         self.floats_filled = false;
         self.measurements_filled = false;
+        self.masks_filled = false;
         let (arrays, decisions, pool) = (&mut self.arrays, &mut self.decisions, &self.pool);
-        let (encoder, reward, worlds) = (&self.encoder, self.reward, self.worlds);
+        let (encoder, reward, worlds) = (&self.encoder, &self.reward, self.worlds);
         let counters = self.counters.iter_mut().map(Some);
         let counters = counters.chain(std::iter::repeat_with(|| None));
-        self.parts.with_dependent_mut(|setting, environments| {
+        self.parts.with(|setting, environments| {
             let shares = environments.iter_mut().zip(decisions).zip(counters);
             let shares = shares.zip(arrays.parts(PART_WORLDS)).zip(ranges(worlds));
             let tasks = shares.map(|((((environment, decisions), counter), arrays), range)| Task {
@@ -321,12 +365,30 @@ impl Worlds {
         if std::mem::replace(&mut self.measurements_filled, true) {
             return;
         }
-        let arrays = &mut self.arrays;
-        self.parts.with_dependent(|_, environments| {
-            for (part, environment) in environments.iter().enumerate() {
-                arrays.fill_measurements(part * PART_WORLDS, environment);
-            }
-        });
+        for (part, environment) in self.parts.environments().iter().enumerate() {
+            self.arrays.fill_measurements(part * PART_WORLDS, environment);
+        }
+    }
+
+    /// Brings the masks of actions up to the present slot.
+    pub fn fill_masks(&mut self) {
+        if std::mem::replace(&mut self.masks_filled, true) {
+            return;
+        }
+        for (part, environment) in self.parts.environments().iter().enumerate() {
+            self.arrays
+                .fill_masks(part * PART_WORLDS, environment, &self.power_plan);
+        }
+    }
+
+    /// Where a world's vehicles are, in metres: (x, y) by vehicle, NaN for an absent one.
+    pub fn positions_m(&self, world: usize) -> Vec<[f64; 2]> {
+        let mut positions = vec![[f64::NAN; 2]; self.vehicles];
+        let environment = &self.parts.environments()[world / PART_WORLDS];
+        for &(vehicle, place) in environment.places(world % PART_WORLDS) {
+            positions[vehicle] = [place.x_m, place.y_m];
+        }
+        positions
     }
 }
 
@@ -336,7 +398,7 @@ fn complete<'s>(
     mut task: Task<'_, 's>,
     work: &impl Fn(&'s Setting, &mut Task<'_, 's>),
     encoder: &Encoder,
-    reward: Reward,
+    reward: &Reward,
 ) {
     work(setting, &mut task);
     task.arrays.fill(task.environment, encoder, reward);

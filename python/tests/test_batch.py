@@ -95,6 +95,47 @@ def test_ages_and_rewards_follow_receptions():
     assert env.received.any() and env.ages.mean() < 20
 
 
+def test_the_paper_s_reward():
+    env = environment(reward="paper", scenario=Scenario(settings={"cell.vehicles": 8}))
+    for _ in range(100):
+        env.step(Table.shipped().act(env.observations))
+        expected = -np.minimum(env.ages, 100.0) / 8 + 0.05 * env.received
+        assert np.allclose(env.rewards, expected, atol=1e-6)
+    assert env.received.any()
+
+
+def test_who_was_replaced_is_told_and_paid_for_its_own_age():
+    env = environment(scenario=Scenario(settings={"cell.replacement_probability": 0.02}))
+    team = environment(scenario=env.scenario, reward="team")
+    count = 0
+    for _ in range(100):
+        before = env.ages.copy()
+        actions = Table.shipped().act(env.observations)
+        env.step(actions)
+        team.step(actions)
+        own = np.where(env.received, 1, before + 1)
+        assert (env.ages == np.where(env.replaced, 100, own)).all()
+        assert np.allclose(env.rewards, -np.minimum(own, 100.0) / 100)
+        assert np.allclose(team.rewards, env.rewards.mean(axis=1, keepdims=True))
+        count += env.replaced.sum()
+    # 1600 expected.
+    assert 1400 < count < 1800
+    env.reset()
+    assert not env.replaced.any()
+
+
+def test_masks_allow_silence_and_what_the_unit_expects_to_be_heard():
+    env = environment(scenario=Scenario(settings={"feedback.measurement_loss": 0.3}))
+    assert env.action_masks.shape == (40, 20, 7)
+    for _ in range(20):
+        nothing = (env.observations == 0).all(axis=-1)
+        assert env.action_masks[..., 0].all() and not env.action_masks[nothing][:, 1:].any()
+        # Inputs 9 and 11: the own, and the best open sub-channel carries C_min.
+        assert (env.action_masks[..., 1] == (env.observations[..., 9] > 0)).all()
+        assert (env.action_masks[..., 2:6] == (env.observations[..., 11:12] > 0)).all()
+        env.step(np.where(env.action_masks[..., 1], 1, 0))
+
+
 def test_ages_go_on_beyond_the_least_reward():
     env = environment(worlds=2)
     for _ in range(300):
@@ -140,7 +181,8 @@ def test_observations_are_the_encoded_measurements(sub_channels):
         assert (codes[..., 4] == 64 * env.assigned).all() and (codes[..., 5] == 64 * env.awaits).all()
         assert (codes[..., 12] == 64 * env.gains_hold).all()
         assert (codes[..., 15] == np.minimum(16 * env.weights, 127).astype(int)).all()
-        assert (codes[..., 17] == 64 * (env.places >= 0)).all()
+        # Levels when contending: whoever has the highest has one of the upper two, and so not the lowest.
+        assert (codes[..., 20] <= codes[..., 17]).all() and (codes[..., 17] <= codes[..., 16]).all()
         assert (codes[..., 18] == 64 * env.open_sub_channels.any(axis=-1)).all()
         # Nobody is called who has nowhere to contend.
         assert (env.thresholds == 2**32 - 1)[~env.open_sub_channels.any(axis=-1)].all()
@@ -222,7 +264,7 @@ def test_transmissions_are_the_actions_in_sub_channels_and_dbm():
 def test_presets_and_settings():
     scenario = Scenario("companion", settings={"cell.vehicles": 7})
     env = environment(scenario=scenario)
-    assert env.vehicles == 7 and env.observations.shape == (40, 7, 20)
+    assert env.vehicles == 7 and env.observations.shape == (40, 7, 22)
     assert scenario["mobility.block_x_m"] == 125.0 and scenario == Scenario(
         "companion", settings={"cell.vehicles": 7}
     )
@@ -238,7 +280,7 @@ def test_a_table_for_other_worlds_is_refused():
 
     environment().check_table(Table.shipped())
     environment(scenario=Scenario(settings={"radio.max_power_dbm": 23, "radio.sub_channels": 8})).check_table(Table.shipped())
-    assert refused(radio__sub_channels=9).startswith("radio.sub_channels: found 9, expected sub-channels that the table serves, at most 8")
+    assert refused(radio__sub_channels=9).startswith("radio.sub_channels: found 9, expected 1 to 8, which the table serves")
     assert refused(worlds=1, cell__vehicles=2001) == "vehicles: found 2001, expected at most 2000, which the table serves"
     assert "as in the table" in refused(radio__min_spectral_efficiency=2)
 
@@ -251,16 +293,17 @@ ZEROS = np.zeros((40, 20), np.uint8)
     [
         (ZEROS[:, :3], ValueError, r"actions: found shape \(40, 3\), expected shape \(40, 20\)"),
         (ZEROS[0], ValueError, r"actions: found shape \(20,\), expected \(worlds, vehicles\)"),
-        (ZEROS + 6, ValueError, r"actions\[0, 0\]: found 6, expected 0 to 5"),
-        (ZEROS.astype(int) - 1, ValueError, r"actions\[0, 0\]: found -1, expected 0 to 5"),
-        (ZEROS.astype(np.uint64) + 2**63, ValueError, "actions: found 9223372036854775808, expected 0 to 5"),
-        (np.where(np.arange(800).reshape(40, 20) == 799, 6, ZEROS), ValueError, r"actions\[39, 19\]: found 6"),
+        (ZEROS + 7, ValueError, r"actions\[0, 0\]: found 7, expected 0 to 6"),
+        (ZEROS.astype(int) - 1, ValueError, r"actions\[0, 0\]: found -1, expected 0 to 6"),
+        (ZEROS.astype(np.uint64) + 2**63, ValueError, "actions: found 9223372036854775808, expected 0 to 6"),
+        (np.where(np.arange(800).reshape(40, 20) == 799, 7, ZEROS), ValueError, r"actions\[39, 19\]: found 7"),
         (ZEROS.T, ValueError, r"actions: found shape \(20, 40\), expected shape \(40, 20\)"),
         (np.full((40, 20), np.nan), TypeError, "actions: found an array of float64, expected whole numbers"),
         (None, TypeError, "actions: found an array of object, expected whole numbers"),
         (ZEROS.astype(float), TypeError, "actions: found an array of float64, expected whole numbers"),
         (ZEROS.astype(bool), TypeError, "actions: found an array of bool, expected whole numbers"),
         ([["a"]], TypeError, "actions: found an array of <U1"),
+        ([[0], [0, 1]], ValueError, "actions: found a list of lists of several lengths, expected whole numbers"),
     ],
 )
 def test_bad_actions_are_named_and_change_nothing(actions, error, message):
@@ -295,12 +338,12 @@ def test_bad_transmissions_are_named_and_change_nothing(channels, powers, messag
     assert (env.ages == other.ages).all() and (env.observations == other.observations).all()
 
 
-@pytest.mark.parametrize(("seed", "error"), [(-1, OverflowError), (2**64, OverflowError), (1.5, TypeError), ("x", TypeError)])
+@pytest.mark.parametrize(("seed", "error"), [(-1, ValueError), (2**64, ValueError), (1.5, TypeError), ("x", TypeError)])
 def test_bad_seeds_are_named_and_change_nothing(seed, error):
     env = environment()
     env.step(np.ones((40, 20), np.uint8))
     before = env.observations.copy()
-    with pytest.raises(error, match="seed"):
+    with pytest.raises(error, match=f"seed: found {seed!r}, expected a whole number from 0 to 18446744073709551615"):
         env.reset(seed=seed)
     assert env.elapsed == 1 and env.seed == 5 and (env.observations == before).all()
 
@@ -308,14 +351,17 @@ def test_bad_seeds_are_named_and_change_nothing(seed, error):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"worlds": 0}, ValueError, "worlds: found 0, expected 1 to 1000000"),
-        ({"worlds": -1}, OverflowError, "worlds"),
-        ({"seed": "x"}, TypeError, "seed"),
-        ({"slots": 0}, ValueError, "slots: found 0, expected at least 1"),
+        ({"worlds": 0}, ValueError, "worlds: found 0, expected a whole number from 1 to 1000000"),
+        ({"worlds": -1}, ValueError, "worlds: found -1, expected a whole number from 1 to 1000000"),
+        ({"worlds": 2.0}, TypeError, "worlds: found 2.0, expected a whole number from 1 to 1000000"),
+        ({"seed": "x"}, TypeError, "seed: found 'x', expected a whole number"),
+        ({"seed": -1}, ValueError, "seed: found -1, expected a whole number"),
+        ({"slots": 0}, ValueError, "slots: found 0, expected a whole number from 1 to 4294967295, or None for an episode without end"),
+        ({"threads": 0}, ValueError, "threads: found 0, expected a whole number from 1 to 65535, or None for one a core"),
         ({"encoding": "int4"}, ValueError, 'encoding: found "int4", expected "int8", "float32"'),
-        ({"reward": "none"}, ValueError, 'reward: found "none", expected "own", "team"'),
+        ({"reward": "none"}, ValueError, 'reward: found "none", expected "own", "team", "paper"'),
         ({"mobility": "/nowhere.xml"}, FileNotFoundError, "/nowhere.xml"),
-        ({"scenario": "paper"}, TypeError, "scenario"),
+        ({"scenario": {"cell.vehicles": 3}}, TypeError, r"scenario: found a dict, expected a freshlane\.Scenario, such as Scenario\(settings="),
     ],
 )
 def test_bad_arguments_are_named(arguments, error, message):

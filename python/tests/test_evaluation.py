@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from freshlane import POLICIES, BatchEnvironment, Scenario, Table, evaluate, read_trace
+from freshlane import ACTIONS, INPUTS, POLICIES, BatchEnvironment, Scenario, Table, evaluate, read_trace
 
 KEYS = (
     "mean_age_ms mean_age_ci95_ms median_world_age_ms p99_age_ms first100_age_ms success_per_slot "
@@ -144,10 +144,10 @@ def test_tables(tmp_path):
     path = tmp_path / "table.bin"
     table.write(path)
     assert path.read_bytes() == bytes(table) and Table.read(path) == Table.from_bytes(bytes(table))
-    assert table.widths[0] == 20 and table.widths[-1] == 6 and table.max_sub_channels == 8 and table.max_vehicles == 2000
+    assert table.widths[0] == INPUTS and table.widths[-1] == ACTIONS and table.max_sub_channels == 8 and table.max_vehicles == 2000
     observations = BatchEnvironment(worlds=2).observations
     outputs = table.outputs(observations)
-    assert outputs.shape == (2, 20, 6) and (outputs.argmax(axis=-1) == table.act(observations)).all()
+    assert outputs.shape == (2, 20, ACTIONS) and (outputs.argmax(axis=-1) == table.act(observations)).all()
     assert table.act(observations[0, 0]).shape == ()
 
 
@@ -174,11 +174,11 @@ def test_bad_observations_are_named():
     table = Table.shipped()
     with pytest.raises(ValueError, match=r"observations: found shape \[3, 19\]"):
         table.act(np.zeros((3, 19), np.int8))
-    for wrong in (np.zeros((3, 20)), np.zeros((3, 20), np.uint8), np.full((3, 20), np.nan), [[0] * 20], None):
+    for wrong in (np.zeros((3, INPUTS)), np.zeros((3, INPUTS), np.uint8), np.full((3, INPUTS), np.nan), [[0] * INPUTS], None):
         with pytest.raises(TypeError, match="observations"):
             table.act(wrong)
     # Never read in the wrong order.
-    for wrong in (np.zeros((3, 20), np.int8, order="F"), np.zeros((3, 40), np.int8)[:, ::2]):
+    for wrong in (np.zeros((3, INPUTS), np.int8, order="F"), np.zeros((3, 2 * INPUTS), np.int8)[:, ::2]):
         for function in (table.act, table.outputs):
             with pytest.raises(ValueError, match="observations: found an array in another order, expected C order"):
                 function(wrong)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from freshlane import BatchEnvironment, Scenario, evaluate, export
+from freshlane import ACTIONS, INPUTS, BatchEnvironment, Scenario, evaluate, export
 
 SCENARIO = Scenario()
 EXTENT = {"worlds": 16, "slots": 300, "warmup": 200}
@@ -11,14 +11,14 @@ EXTENT = {"worlds": 16, "slots": 300, "warmup": 200}
 
 def rules():
     """Two layers by hand: send at full power in the own turn where the gain suffices; who is called sends at the first level."""
-    weights = np.zeros((2, 20), np.float32)
+    weights = np.zeros((2, INPUTS), np.float32)
     weights[0, [0, 9]] = 1.0, 1.0
     weights[0, 1] = -1.0
     weights[1, [13, 18, 11]] = 1.0, 1.0, 1.0
     hidden = weights, np.array([-1.0, -2.0], np.float32)
-    output = np.zeros((6, 2), np.float32)
+    output = np.zeros((ACTIONS, 2), np.float32)
     output[1, 0], output[2, 1] = 1.0, 1.0
-    return [hidden, (output, np.array([0.5, 0, 0, -9, -9, -9], np.float32))]
+    return [hidden, (output, np.array([0.5, 0, 0, -9, -9, -9, -9], np.float32))]
 
 
 def forward(layers, codes):
@@ -33,7 +33,7 @@ def forward(layers, codes):
 def test_a_network_becomes_its_table():
     layers = rules()
     exported = export(layers, seed=4, **EXTENT)
-    assert exported.table.widths == [20, 2, 6] and exported.table.seed == 4
+    assert exported.table.widths == [INPUTS, 2, ACTIONS] and exported.table.seed == 4
     assert exported.table.max_vehicles == 20
     assert exported.agreement > 0.999
     # The comparison's numbers are evaluate's.
@@ -55,7 +55,7 @@ def test_a_seed_gives_the_same_table():
 
 
 def test_own_calibration_and_limits():
-    codes = BatchEnvironment(worlds=200).observations.reshape(-1, 20)
+    codes = BatchEnvironment(worlds=200).observations.reshape(-1, INPUTS)
     exported = export(rules(), calibration=codes, max_vehicles=30, **EXTENT)
     in_another_order = export(rules(), calibration=np.asfortranarray(codes), max_vehicles=30, **EXTENT)
     assert bytes(in_another_order.table) == bytes(exported.table)
@@ -75,14 +75,14 @@ def changed(layer, part, value):
     [
         ([], ValueError, "network: found 0 layers, expected 1 to 4 layers"),
         (rules() + 3 * rules()[1:], ValueError, "network: found 5 layers"),
-        ([(np.zeros((6, 20)),)], TypeError, "network: layer 0: found tuple, expected a pair of weights and biases"),
+        ([(np.zeros((ACTIONS, INPUTS)),)], TypeError, "network: layer 0: found tuple, expected a pair of weights and biases"),
         (3, TypeError, "network: found int, expected a torch module, or pairs"),
-        (changed(0, 0, np.zeros((2, 19))), ValueError, "network: layer 0: found 19 inputs, expected 20"),
+        (changed(0, 0, np.zeros((2, 19))), ValueError, "network: layer 0: found 19 inputs, expected 22"),
         (changed(0, 1, np.zeros(3)), ValueError, "network: layer 0: found 3 biases, expected 2"),
-        (rules()[:1], ValueError, "network: layer 0: found 2 outputs, expected 6, one an action"),
-        (changed(0, 0, np.zeros((2, 20), int)), TypeError, "layer 0 weights: found an array of int64"),
+        (rules()[:1], ValueError, "network: layer 0: found 2 outputs, expected 7, one an action"),
+        (changed(0, 0, np.zeros((2, INPUTS), int)), TypeError, "layer 0 weights: found an array of int64"),
         (changed(0, 0, np.zeros(20)), ValueError, r"layer 0 weights: found shape \(20,\)"),
-        (changed(1, 0, np.full((6, 2), np.nan)), ValueError, "^network: layer 1: found a parameter that is not finite, expected finite weights and biases$"),
+        (changed(1, 0, np.full((ACTIONS, 2), np.nan)), ValueError, "^network: layer 1: found a parameter that is not finite, expected finite weights and biases$"),
     ],
 )
 def test_bad_networks_are_named(network, error, message):
@@ -92,10 +92,10 @@ def test_bad_networks_are_named(network, error, message):
 
 def test_bad_calibration_is_named():
     with pytest.raises(TypeError, match="calibration: found an array of float64, expected int8"):
-        export(rules(), calibration=np.zeros((3, 20)))
+        export(rules(), calibration=np.zeros((3, INPUTS)))
     with pytest.raises(ValueError, match="found shape"):
         export(rules(), calibration=np.zeros((3, 19), np.int8))
     with pytest.raises(ValueError, match="calibration: found no observations"):
-        export(rules(), calibration=np.zeros((0, 20), np.int8))
+        export(rules(), calibration=np.zeros((0, INPUTS), np.int8))
     with pytest.raises(ValueError, match="max_vehicles: found 0, expected 1 to 4000"):
         export(rules(), max_vehicles=0)

@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import nn
 
-from freshlane import Table, evaluate, export, read_actor
+from freshlane import ACTIONS, INPUTS, Table, evaluate, export, read_actor
 
 EXTENT = {"worlds": 8, "slots": 100, "warmup": 50}
 EXAMPLE = Path(__file__).parents[1] / "examples" / "train_ppo.py"
@@ -19,7 +19,7 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "train_ppo.py"
 
 def network(*parts):
     torch.manual_seed(1)
-    return nn.Sequential(*(parts or (nn.Linear(20, 16), nn.ReLU(), nn.Linear(16, 6))))
+    return nn.Sequential(*(parts or (nn.Linear(INPUTS, 16), nn.ReLU(), nn.Linear(16, ACTIONS))))
 
 
 def test_a_module_decides_as_its_arrays():
@@ -33,9 +33,9 @@ def test_a_module_decides_as_its_arrays():
 def test_a_module_gets_floats_and_a_function_gets_codes():
     class Probe(nn.Module):
         def forward(self, inputs):
-            assert inputs.dtype == torch.float32 and inputs.shape == (160, 20) and not inputs.requires_grad
+            assert inputs.dtype == torch.float32 and inputs.shape == (160, INPUTS) and not inputs.requires_grad
             assert (inputs * 64).frac().abs().max() == 0
-            return nn.functional.one_hot(torch.zeros(160, dtype=torch.int64), 6).float()
+            return nn.functional.one_hot(torch.zeros(160, dtype=torch.int64), ACTIONS).float()
 
     assert evaluate(Probe(), **EXTENT).mean_age_ms == 100.0
     actions = torch.zeros((8, 20), dtype=torch.int64)
@@ -69,10 +69,10 @@ def write_actor(path, module, form=FORM, prefix=""):
 
 def test_an_actor_of_the_trainer_is_a_module(tmp_path):
     path = tmp_path / "actor.safetensors"
-    module = network(nn.Linear(20, 16), nn.ReLU(), nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, 6))
+    module = network(nn.Linear(INPUTS, 16), nn.ReLU(), nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, ACTIONS))
     write_actor(path, module)
     read = read_actor(path)
-    inputs = torch.randn(50, 20)
+    inputs = torch.randn(50, INPUTS)
     assert (read(inputs) == module(inputs)).all() and all(parameter.requires_grad for parameter in read.parameters())
     assert bytes(export(read, **EXTENT).table) == bytes(export(module, **EXTENT).table)
 
@@ -95,12 +95,12 @@ def test_an_actor_of_the_trainer_is_a_module(tmp_path):
 @pytest.mark.parametrize(
     ("module", "error", "message"),
     [
-        (lambda: network(nn.Linear(20, 6), nn.Tanh()), TypeError, "network: found Tanh, expected Linear and ReLU"),
+        (lambda: network(nn.Linear(INPUTS, ACTIONS), nn.Tanh()), TypeError, "network: found Tanh, expected Linear and ReLU"),
         (lambda: network(nn.ReLU()), ValueError, "part 0: found ReLU, expected Linear"),
-        (lambda: network(nn.Linear(20, 6), nn.ReLU()), ValueError, "found a ReLU at the end"),
-        (lambda: network(nn.Linear(20, 9), nn.Linear(9, 6)), ValueError, "part 1: found Linear, expected ReLU"),
-        (lambda: network(nn.Linear(20, 6, bias=False)), ValueError, "found a Linear without bias"),
-        (lambda: network(nn.Linear(19, 6)), ValueError, "layer 0: found 19 inputs, expected 20"),
+        (lambda: network(nn.Linear(INPUTS, ACTIONS), nn.ReLU()), ValueError, "found a ReLU at the end"),
+        (lambda: network(nn.Linear(INPUTS, 9), nn.Linear(9, ACTIONS)), ValueError, "part 1: found Linear, expected ReLU"),
+        (lambda: network(nn.Linear(INPUTS, ACTIONS, bias=False)), ValueError, "found a Linear without bias"),
+        (lambda: network(nn.Linear(19, ACTIONS)), ValueError, "layer 0: found 19 inputs, expected 22"),
     ],
 )
 def test_bad_modules_are_named(module, error, message):
@@ -109,8 +109,8 @@ def test_bad_modules_are_named(module, error, message):
 
 
 def test_scores_of_another_shape_are_named():
-    with pytest.raises(ValueError, match=r"policy: found scores of shape \(160, 5\), expected \(160, 6\)"):
-        evaluate(nn.Linear(20, 5), **EXTENT)
+    with pytest.raises(ValueError, match=r"policy: found scores of shape \(160, 5\), expected \(160, 7\)"):
+        evaluate(nn.Linear(INPUTS, 5), **EXTENT)
 
 
 def test_the_example_trains_and_exports(tmp_path):
@@ -119,7 +119,7 @@ def test_the_example_trains_and_exports(tmp_path):
     options = ["--iterations", "10", "--worlds", "8", "--out", str(out)]
     done = subprocess.run([sys.executable, EXAMPLE, *options], check=True, capture_output=True, text=True)
     table = Table.read(out)
-    assert table.widths == [20, 32, 32, 6] and table.seed == 1
+    assert table.widths == [INPUTS, 32, 32, ACTIONS] and table.seed == 1
     printed = float(re.search(r"learned, firmware table +([\d.]+)", done.stdout)[1])
     assert printed == round(evaluate(table).mean_age_ms, 3)
     assert 0 < float(re.search(r"agree on ([\d.]+)%", done.stdout)[1]) <= 100

@@ -88,11 +88,36 @@ impl Policy for LaneActor {
                 let view = self.encoder.view(senses);
                 self.encoder.encode(&view, &mut self.inputs);
                 let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
-                *decisions.sub_channel = sub_channels(&view, &actions);
-                *decisions.power = powers(&self.power_plan, self.encoder.max_power(), &view, &actions);
+                set(&self.encoder, &self.power_plan, &view, &actions, decisions);
             },
         );
     }
+}
+
+/// Carries out actions that somebody else chose for a vehicle in the row of worlds that the encoder heard last.
+pub fn carry_out(
+    encoder: &Encoder,
+    plan: &PowerPlan,
+    senses: &Senses<'_>,
+    actions: &Row<i32>,
+    decisions: &mut VehicleDecisions<'_>,
+) {
+    senses.vectors().run(
+        #[inline(always)]
+        || set(encoder, plan, &encoder.view(senses), actions, decisions),
+    );
+}
+
+#[inline(always)]
+fn set(
+    encoder: &Encoder,
+    plan: &PowerPlan,
+    view: &View,
+    actions: &Row<i32>,
+    decisions: &mut VehicleDecisions<'_>,
+) {
+    *decisions.sub_channel = sub_channels(view, actions);
+    *decisions.power = powers(plan, encoder.max_power(), view, actions);
 }
 
 /// Where an action sends: its own place's sub-channel, the best one to contend on, the best one of others, or nowhere.
