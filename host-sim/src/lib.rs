@@ -50,6 +50,7 @@ pub mod environment;
 pub mod experiment;
 #[cfg(feature = "program")]
 pub mod hil;
+#[cfg(feature = "program")]
 pub mod image;
 pub mod imperfections;
 pub mod journeys;
