@@ -192,6 +192,24 @@ impl Page {
             .unwrap();
     }
 
+    /// Shows the page to a reader who asks that nothing moves.
+    ///
+    /// # Panics
+    /// If the browser is gone.
+    pub fn keep_still(&self) {
+        let preference = Emulation::MediaFeature {
+            name: "prefers-reduced-motion".to_owned(),
+            value: "reduce".to_owned(),
+        };
+        let _ = self
+            .tab
+            .call_method(Emulation::SetEmulatedMedia {
+                media: None,
+                features: Some(vec![preference]),
+            })
+            .unwrap();
+    }
+
     /// Gives the page this width in CSS pixels, also one that no window has.
     ///
     /// # Panics

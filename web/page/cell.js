@@ -2,6 +2,9 @@
 
 const text = { encoder: new TextEncoder(), decoder: new TextDecoder() };
 
+/** Where in a vehicle's numbers its sub-channel of the last slot stands, and whether it was received (`VEHICLE_NUMBERS` there). */
+const SENT_ON = 3, RECEIVED = 4;
+
 /** What the program refuses, in its own words. */
 export class Refusal extends Error {}
 
@@ -15,6 +18,8 @@ export async function load(url) {
 
 export class Cell {
   #exports;
+  /** By vehicle: how many slots before the last one it was received, and not received, in the last `advance`; undefined if never. */
+  sent = { received: [], lost: [] };
 
   /** The world that `request` asks for (web/src/session.rs, `Request`), before its first slot. Throws a Refusal. */
   constructor(module, request) {
@@ -32,7 +37,27 @@ export class Cell {
   /** Whether the policy in charge goes by the base station's ring. */
   get usesRing() { return this.about.policies.find(({ name }) => name === this.runs[0]).ring; }
 
-  advance(slots) { this.#exports.cell_advance(slots); }
+  /** Carries out slots, one by one so that everybody who sends is noted. */
+  advance(slots) {
+    this.sent = { received: [], lost: [] };
+    const width = this.about.layout.vehicle_numbers;
+    for (let left = slots - 1; left >= 0; left -= 1) {
+      this.#exports.cell_advance(1);
+      const count = this.#exports.cell_vehicle_count(), numbers = this.#view(Float32Array, this.#exports.cell_vehicles(), count * width);
+      for (let index = 0; index < count; index += 1) {
+        const at = index * width;
+        if (numbers[at + SENT_ON] >= 0) this.sent[numbers[at + RECEIVED] > 0 ? "received" : "lost"][index] = left;
+      }
+    }
+  }
+
+  /** Begins to count ages anew: a jam that ends before the next slot does that, and nothing else. */
+  countAnew() {
+    const { jammed } = this.vehicles()[0];
+    this.jam(0, !jammed);
+    this.jam(0, jammed);
+  }
+
   jam(vehicle, on) { return Boolean(this.#exports.cell_jam(vehicle, on)); }
   join(x, y) { return Boolean(this.#exports.cell_join(x, y)); }
 
@@ -66,6 +91,9 @@ export class Cell {
     const ring = this.#view(Float32Array, this.#exports.cell_history_ms(run), length);
     return (slot) => ring[slot % length];
   }
+
+  /** The policies of all runs, each with its history. */
+  histories() { return this.runs.map((policy, run) => ({ policy, history: this.history(run) })); }
 
   /** How a sub-channel was used in a slot of the first run, for the last slots. */
   occupancy() {

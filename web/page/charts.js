@@ -1,13 +1,16 @@
 // Mean ages over slots, and the use of the sub-channels slot by slot.
 
 import { grouped, paint, write } from "./canvas.js";
-import { LINES, USES, kindOfUse, colour, share } from "./colours.js";
+import { DASHES, USES, kindOfUse, colour, policyColour, share } from "./colours.js";
 
 const SHOWN_SLOTS = 2000, SMOOTHED_SLOTS = 25;
 const AGE_TICKS = [1, 2, 5, 10, 20, 50, 100];
 
-/** `marks` are changes by hand: { slot, words }. */
-export function drawAges(canvas, cell, marks) {
+/** Slots whose mean decides the order of names that would touch: they do not change places from frame to frame. */
+const ORDERED_SLOTS = 500;
+
+/** `lines` are policies with their history, the one in charge first; `marks` are changes by hand: { slot, words }. */
+export function drawAges(canvas, cell, lines, marks) {
   const elapsed = cell.elapsed, first = Math.max(0, elapsed - SHOWN_SLOTS);
   paint(canvas, (context, width, height) => {
     const plot = { left: 48, right: width - 96, top: 8, bottom: height - 34 };
@@ -18,15 +21,15 @@ export function drawAges(canvas, cell, marks) {
     const labels = [];
     const bound = cell.bound;
     line(context, [[plot.left, y(bound)], [x(elapsed), y(bound)]], colour("ink"), [1, 2], 1);
-    labels.push({ y: y(bound), words: "bound", colour: colour("ink") });
+    labels.push({ y: y(bound), order: bound, words: "bound", colour: colour("ink") });
     // The policy in charge comes last, on top of the others.
-    for (let run = cell.runs.length - 1; run >= 0; run -= 1) {
-      const name = run === 0 ? "chosen" : cell.runs[run];
-      const points = smoothed(cell.history(run), first, elapsed, (plot.right - plot.left) / SHOWN_SLOTS);
+    for (const [index, { policy, history }] of [...lines.entries()].reverse()) {
+      const points = smoothed(history, first, elapsed, (plot.right - plot.left) / SHOWN_SLOTS);
       if (points.length === 0) continue;
-      line(context, points.map(([slot, age]) => [x(slot), y(age)]), colour(name), LINES[name].dash, LINES[name].width);
-      const weight = run === 0 ? 600 : "";
-      labels.push({ y: y(points.at(-1)[1]), words: cell.runs[run], colour: colour(name), weight });
+      const chosen = index === 0, tone = colour(policyColour(policy));
+      line(context, points.map(([slot, age]) => [x(slot), y(age)]), tone, chosen ? [] : DASHES[policy], chosen ? 2.5 : 1.5);
+      const recent = mean(history, Math.max(0, elapsed - ORDERED_SLOTS), elapsed);
+      labels.push({ y: y(points.at(-1)[1]), order: recent, words: policy, colour: tone, weight: chosen ? 600 : "" });
     }
     drawLabels(context, labels, Math.min(x(elapsed), plot.right) + 7, plot);
   });
@@ -37,11 +40,16 @@ function smoothed(history, first, elapsed, pixelsPerSlot) {
   const points = [], stride = Math.max(1, Math.round(2 / pixelsPerSlot));
   for (let end = Math.ceil((first + 1) / stride) * stride; end <= elapsed; end += stride) {
     const start = Math.max(0, end - SMOOTHED_SLOTS);
-    let sum = 0;
-    for (let slot = start; slot < end; slot += 1) sum += history(slot);
-    points.push([end, sum / (end - start)]);
+    points.push([end, mean(history, start, end)]);
   }
   return points;
+}
+
+/** Mean age over slots from `start` to before `end`. */
+export function mean(history, start, end) {
+  let sum = 0;
+  for (let slot = start; slot < end; slot += 1) sum += history(slot);
+  return sum / (end - start);
 }
 
 function drawAxes(context, plot, x, y, first) {
@@ -69,7 +77,7 @@ function drawMarks(context, plot, x, marks) {
 
 /** Names at the ends of their lines, pushed apart where they would touch. */
 function drawLabels(context, labels, x, plot) {
-  labels.sort((a, b) => a.y - b.y);
+  labels.sort((a, b) => b.order - a.order);
   const gap = 13;
   labels.forEach((label, i) => { if (i > 0) label.y = Math.max(label.y, labels[i - 1].y + gap); });
   for (let i = labels.length - 1, most = plot.bottom + 4; i >= 0; i -= 1, most -= gap) labels[i].y = Math.min(labels[i].y, most);

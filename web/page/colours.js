@@ -17,13 +17,14 @@ export function ageColour(age) {
   return { fill: `rgb(${mix})`, ink: position > 4 ? "#000" : "#fff" };
 }
 
-/** The lines of the age chart: the first belongs to the policy in charge, the others to their names. */
-export const LINES = {
-  chosen: { dash: [], width: 2.5 },
-  central: { dash: [7, 4], width: 1.5 },
-  "age-threshold": { dash: [2, 3], width: 1.5 },
-  aloha: { dash: [9, 3, 2, 3], width: 1.5 },
+/** How a policy's line is broken, so that lines differ without colour too. Its colour is `--policy-NAME` in style.css. */
+export const DASHES = {
+  actor: [], clock: [10, 3], central: [7, 4], "max-weight": [7, 4, 2, 4], assigned: [12, 4, 2, 4, 2, 4], grants: [4, 4], sps: [5, 2],
+  "age-threshold": [2, 3], aloha: [9, 3, 2, 3], random: [1, 4], always: [3, 2],
 };
+
+/** The name in style.css of a policy's colour. */
+export const policyColour = (policy) => `policy-${policy}`;
 
 /** What became of a sub-channel: name, and share of the row's height, so that kinds differ without colour too. */
 export const USES = {

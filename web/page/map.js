@@ -1,9 +1,15 @@
-// The map: streets, base station, vehicles with their ages, and who sent in the last slot.
+// The map: streets, base station, vehicles with their ages, and who sent in the slots since the last picture.
 
 import { paint, write } from "./canvas.js";
 import { ageColour, colour, share } from "./colours.js";
 
-const RADIUS = 9, REACH = 15, MARGIN_M = 20;
+const REACH = 15, MARGIN_M = 20;
+/** Radius of a vehicle's disc: a share of the map's width, within limits. */
+const radiusOn = (canvas) => Math.min(9, Math.max(6.5, canvas.clientWidth / 29));
+/** Width of a map that has room for words. */
+const WORDS_PX = 200;
+/** How strong the oldest ray of a picture is beside the newest. */
+const FAINTEST = 0.3;
 
 /** Where a place in metres lies on the canvas, and back. */
 function projection(canvas, { mobility }) {
@@ -26,18 +32,21 @@ export function find(canvas, scenario, vehicles, x, y) {
   return { vehicle: distances[nearest] <= REACH ? vehicles[nearest] : null, place: map.place(x, y) };
 }
 
-/** `ring` says whether the policy in charge goes by the ring: then those who were called are marked. */
-export function drawMap(canvas, scenario, vehicles, selected, ring) {
-  const map = projection(canvas, scenario);
-  paint(canvas, (context) => {
+/** A cell; `slots` is how many passed since the last picture: all of their rays are drawn, older ones fainter. */
+export function drawMap(canvas, cell, vehicles, selected, slots) {
+  const { scenario } = cell.about, map = projection(canvas, scenario), ring = cell.usesRing;
+  paint(canvas, (context, width) => {
     drawStreets(context, scenario, map);
     const { base_station_x_m: bx, base_station_y_m: by } = scenario.cell;
     const station = [map.x(bx), map.y(by)];
-    for (const vehicle of vehicles) {
-      if (vehicle.subChannel >= 0 && !vehicle.jammed) drawRay(context, vehicle, map, station);
+    for (const outcome of ["lost", "received"]) {
+      cell.sent[outcome].forEach((ago, index) => {
+        const vehicle = vehicles[index];
+        if (vehicle && !vehicle.jammed) drawRay(context, vehicle, map, station, outcome, 1 - (1 - FAINTEST) * ago / Math.max(slots, 1));
+      });
     }
-    drawStation(context, station);
-    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, vehicle.index === selected, ring && vehicle.called);
+    drawStation(context, station, width > WORDS_PX);
+    for (const vehicle of vehicles) drawVehicle(context, vehicle, map, radiusOn(canvas), vehicle.index === selected, ring && vehicle.called);
   });
 }
 
@@ -56,18 +65,21 @@ function drawStreets(context, { mobility }, map) {
   }
 }
 
-function drawRay(context, vehicle, map, station) {
-  context.strokeStyle = colour(vehicle.received ? "received" : "collided");
-  context.setLineDash(vehicle.received ? [] : [3, 4]);
-  context.lineWidth = vehicle.received ? 2 : 1.5;
+function drawRay(context, vehicle, map, station, outcome, strength) {
+  const received = outcome === "received";
+  context.globalAlpha = strength;
+  context.strokeStyle = colour(received ? "received" : "collided");
+  context.setLineDash(received ? [] : [3, 4]);
+  context.lineWidth = received ? 2 : 1.5;
   context.beginPath();
   context.moveTo(map.x(vehicle.x), map.y(vehicle.y));
   context.lineTo(...station);
   context.stroke();
   context.setLineDash([]);
+  context.globalAlpha = 1;
 }
 
-function drawStation(context, [x, y]) {
+function drawStation(context, [x, y], words) {
   context.fillStyle = colour("panel");
   context.strokeStyle = colour("ink");
   context.lineWidth = 2;
@@ -86,10 +98,10 @@ function drawStation(context, [x, y]) {
   context.moveTo(x - 7, y - 12);
   context.arc(x, y - 9, 8, Math.PI * 1.15, Math.PI * 1.85);
   context.stroke();
-  write(context, "base station", x + 16, y - 4, { size: 11, colour: colour("quiet") });
+  if (words) write(context, "base station", x + 16, y - 4, { size: 11, colour: colour("quiet") });
 }
 
-function drawVehicle(context, vehicle, map, selected, called) {
+function drawVehicle(context, vehicle, map, size, selected, called) {
   const [x, y] = [map.x(vehicle.x), map.y(vehicle.y)], age = ageColour(vehicle.age);
   const ring = (radius, name, width) => {
     context.strokeStyle = colour(name);
@@ -100,12 +112,12 @@ function drawVehicle(context, vehicle, map, selected, called) {
   };
   context.fillStyle = age.fill;
   context.beginPath();
-  context.arc(x, y, RADIUS, 0, 2 * Math.PI);
+  context.arc(x, y, size, 0, 2 * Math.PI);
   context.fill();
-  ring(RADIUS, vehicle.jammed ? "collided" : "rim", vehicle.jammed ? 3 : 1.25);
-  if (called) ring(RADIUS + 2, "called", 2);
-  if (selected) ring(RADIUS + 4, "ink", 2);
-  write(context, String(vehicle.age), x, y + 0.5, { size: vehicle.age > 999 ? 6.5 : vehicle.age > 99 ? 9 : 10.5, align: "center", colour: age.ink, weight: 600 });
+  ring(size, vehicle.jammed ? "collided" : "rim", vehicle.jammed ? 3 : 1.25);
+  if (called) ring(size + 2, "called", 2);
+  if (selected) ring(size + 4, "ink", 2);
+  write(context, String(vehicle.age), x, y + 0.5, { size: size * (vehicle.age > 999 ? 0.72 : vehicle.age > 99 ? 1 : 1.17), align: "center", colour: age.ink, weight: 600 });
   if (vehicle.jammed) {
     context.strokeStyle = colour("collided");
     context.lineWidth = 2.5;

@@ -1,7 +1,7 @@
 // What the page says in words and numbers.
 
 import { grouped } from "./canvas.js";
-import { LINES, OPEN, USES, colour } from "./colours.js";
+import { DASHES, OPEN, USES, colour, policyColour } from "./colours.js";
 
 const element = (id) => document.getElementById(id);
 
@@ -25,8 +25,9 @@ function rows(body, count, create) {
 
 const number = (value, digits, unit = "") => (Number.isNaN(value) ? "–" : value.toFixed(digits) + unit);
 
-export function showSummaries(cell) {
-  const summaries = [...cell.summaries(), { policy: "bound", mean: cell.bound, p99: NaN, received: NaN }];
+/** `runs` are the summaries of the policies, the one in charge first. */
+export function showSummaries(cell, runs) {
+  const summaries = [...runs, { policy: "bound", mean: cell.bound, p99: NaN, received: NaN }];
   const create = () => {
     const row = make("tr", {}, make("th", { scope: "row" }, make("span", { className: "swatch" }), make("span")));
     row.append(make("td", {}, make("data")), make("td"), make("td"));
@@ -34,9 +35,9 @@ export function showSummaries(cell) {
   };
   rows(element("summaries"), summaries.length, create).forEach((row, index) => {
     const { policy, mean, p99, received } = summaries[index], bound = policy === "bound";
-    const name = index === 0 ? "chosen" : policy, [swatch, words] = row.cells[0].children;
-    swatch.style.borderTopColor = colour(bound ? "ink" : name);
-    swatch.style.borderTopStyle = bound ? "dotted" : LINES[name].dash.length ? "dashed" : "solid";
+    const [swatch, words] = row.cells[0].children;
+    swatch.style.borderTopColor = colour(bound ? "ink" : policyColour(policy));
+    swatch.style.borderTopStyle = bound ? "dotted" : index > 0 && DASHES[policy].length ? "dashed" : "solid";
     setText(words, policy);
     const data = row.cells[1].firstElementChild;
     Object.assign(data.dataset, { policy, run: bound ? "bound" : index });
@@ -51,8 +52,9 @@ export function showSummaries(cell) {
     : `Ages count from slot ${grouped(countFrom)} on; now ${grouped(elapsed)}.`);
 }
 
-export function showCommand(cell, { seed, settings, running, changes }) {
-  const counted = cell.elapsed - cell.countFrom, policies = [...new Set(cell.runs)].map((name) => `--policy ${name}`).join(" ");
+/** `names` are the policies that are shown. */
+export function showCommand(cell, names, { seed, settings, running, changes }) {
+  const counted = cell.elapsed - cell.countFrom, policies = [...new Set(names)].map((name) => `--policy ${name}`).join(" ");
   let note = `These print the page’s ${grouped(counted)} slots to the last digit:`;
   if (running) note = "Pause: a command for the slots until then stands here.";
   else if (changes.length > 0) note = `This world was changed by hand in slot ${grouped(changes[0].slot)}, which the command line cannot repeat. Start again for one that it can.`;
