@@ -5,7 +5,7 @@ use super::canvas::{
     Anchor, Colour, Frame, GREY, HEIGHT_PX, INK, LABEL_LINE_PX, LABEL_PX, PALETTE, Plot, RIM_PX, Type,
     WIDTH_PX, disc, line, rectangle, text, texts,
 };
-use super::{Axis, Reference, Scale, nothing_to_draw};
+use super::{Axis, Reference, Scale, nothing_to_draw, policy_colours};
 use kit::error::Result;
 use maud::{Markup, html};
 
@@ -48,7 +48,9 @@ pub struct Bar {
 impl Bar {
     /// Its mark's colour, and the bar's.
     fn colours(&self) -> (Colour, Colour) {
-        BAR_COLOURS[usize::from(self.emphasised)]
+        policy_colours::of(&self.name).map_or(BAR_COLOURS[usize::from(self.emphasised)], |colour| {
+            (colour, colour.tint())
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use super::canvas::{
     Anchor, At, Colour, DASHES, Dash, Frame, GREY, HEIGHT_PX, LABEL_LINE_PX, PALETTE, Plot, RIM_PX, Type,
     WIDTH_PX, line, marker, polygon, texts,
 };
-use super::{Axis, Reference, nothing_to_draw};
+use super::{Axis, Reference, nothing_to_draw, policy_colours};
 use crate::report::table::{Column, Table};
 use kit::error::Result;
 use kit::files::NamedText;
@@ -99,7 +99,8 @@ impl LineChart {
         let vertical = Ticks::around(self.vertical.scale, heights);
 
         let frame = Frame::new(&self.title, &self.note);
-        let legend = self.legend();
+        let looks = self.looks();
+        let legend = self.legend(&looks);
         let legend_height: f64 = legend.iter().map(Entry::height).sum();
         let legend_width = Type::LABEL.widest(legend.iter().flat_map(|entry| &entry.lines));
         let right = WIDTH_PX - RIM_PX - SAMPLE_PX - 8.0 - legend_width - 20.0;
@@ -119,15 +120,15 @@ impl LineChart {
         let content = html! {
             (plot.horizontal_axis(&horizontal, &x_label))
             (plot.vertical_axis(&vertical, &y_label))
-            @for (look, series) in self.series.iter().enumerate() {
-                (series.bands(look, &pixel))
+            @for (look, series) in looks.iter().zip(&self.series) {
+                (series.bands(look.colour, &pixel))
             }
             @for reference in &self.references {
                 @let y = plot.y(vertical.share(reference.value));
                 (line(&[(plot.left, y), (plot.right, y)], GREY, 1.75, REFERENCE_DASH))
             }
-            @for (look, series) in self.series.iter().enumerate() {
-                (series.line(look, &pixel))
+            @for (look, series) in looks.iter().zip(&self.series) {
+                (series.line(*look, &pixel))
             }
             @for (index, entry) in legend.iter().enumerate() {
                 @let above: f64 = legend[..index].iter().map(Entry::height).sum();
@@ -171,9 +172,24 @@ impl LineChart {
         Ok(Table::new(columns)?.to_csv())
     }
 
-    fn legend(&self) -> Vec<Entry> {
-        let series = self.series.iter().enumerate();
-        let series = series.map(|(look, series)| (Some(look), &series.name));
+    /// Of policies alone: each its own colour. Otherwise the palette's, in order.
+    fn looks(&self) -> Vec<Look> {
+        let of_policies: Option<Vec<Colour>> = self
+            .series
+            .iter()
+            .map(|series| policy_colours::of(&series.name))
+            .collect();
+        let colours = of_policies.unwrap_or_else(|| {
+            let palette = PALETTE.iter().cycle();
+            palette.copied().take(self.series.len()).collect()
+        });
+        let look = |(place, colour)| Look { place, colour };
+        colours.into_iter().enumerate().map(look).collect()
+    }
+
+    fn legend(&self, looks: &[Look]) -> Vec<Entry> {
+        let series = looks.iter().zip(&self.series);
+        let series = series.map(|(look, series)| (Some(*look), &series.name));
         let references = self.references.iter().map(|reference| (None, &reference.name));
         let entry = |(look, name): (_, &String)| Entry {
             look,
@@ -183,9 +199,22 @@ impl LineChart {
     }
 }
 
+/// How a series is drawn: its place among the others, which decides its dash and its marker, and its colour.
+#[derive(Clone, Copy)]
+struct Look {
+    place: usize,
+    colour: Colour,
+}
+
+impl Look {
+    fn dash(self) -> Dash {
+        DASHES[self.place % DASHES.len()]
+    }
+}
+
 /// A line of the legend; no look is a reference.
 struct Entry {
-    look: Option<usize>,
+    look: Option<Look>,
     lines: Vec<String>,
 }
 
@@ -199,8 +228,8 @@ impl Entry {
         let ends = [(x, y), (x + SAMPLE_PX, y)];
         html! {
             @if let Some(look) = self.look {
-                (line(&ends, colour(look), 2.0, DASHES[look % DASHES.len()]))
-                (marker((x + SAMPLE_PX / 2.0, y), look, colour(look)))
+                (line(&ends, look.colour, 2.0, look.dash()))
+                (marker((x + SAMPLE_PX / 2.0, y), look.place, look.colour))
             } @else {
                 (line(&ends, GREY, 1.75, REFERENCE_DASH))
             }
@@ -209,14 +238,9 @@ impl Entry {
     }
 }
 
-/// The colour of the `look`-th series.
-fn colour(look: usize) -> Colour {
-    PALETTE[look % PALETTE.len()]
-}
-
 impl Series {
     /// One filled shape for every run of points that have a band.
-    fn bands(&self, look: usize, pixel: &impl Fn(f64, f64) -> At) -> Markup {
+    fn bands(&self, colour: Colour, pixel: &impl Fn(f64, f64) -> At) -> Markup {
         let outline = |run: &[Point]| -> Vec<At> {
             let edge = |point: &Point, upper: bool| {
                 let band = point.band.unwrap_or((point.y, point.y));
@@ -230,28 +254,28 @@ impl Series {
             @for run in self.points.split(|point| point.band.is_none()) {
                 @match run.len() {
                     0 => {}
-                    1 => { (line(&outline(run), colour(look), 1.5, None)) }
-                    _ => { (polygon(&outline(run), colour(look), Some(0.18))) }
+                    1 => { (line(&outline(run), colour, 1.5, None)) }
+                    _ => { (polygon(&outline(run), colour, Some(0.18))) }
                 }
             }
         }
     }
 
-    fn line(&self, look: usize, pixel: &impl Fn(f64, f64) -> At) -> Markup {
+    fn line(&self, look: Look, pixel: &impl Fn(f64, f64) -> At) -> Markup {
         let pixels: Vec<At> = self.points.iter().map(|point| pixel(point.x, point.y)).collect();
         let (every, first) = if pixels.len() <= ALL_MARKED {
             (1, 0)
         } else {
             // Every series begins a little later, so that markers on lines that coincide do not hide one another.
             let every = pixels.len().div_ceil(MARKERS);
-            (every, look * every / 4 % every)
+            (every, look.place * every / 4 % every)
         };
         html! {
             @if pixels.len() > 1 {
-                (line(&pixels, colour(look), 2.0, DASHES[look % DASHES.len()]))
+                (line(&pixels, look.colour, 2.0, look.dash()))
             }
             @for point in pixels.iter().skip(first).step_by(every) {
-                (marker(*point, look, colour(look)))
+                (marker(*point, look.place, look.colour))
             }
         }
     }

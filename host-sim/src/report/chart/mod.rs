@@ -11,6 +11,7 @@ mod line;
 mod map;
 mod occupancy;
 mod panels;
+mod policy_colours;
 mod roads;
 
 pub use bar::{Bar, BarChart};

@@ -35,7 +35,7 @@ impl Block {
     pub fn table(table: &Table) -> Self {
         let columns = table.shown_columns();
         Self(html! {
-            div.wide {
+            div.wide tabindex="0" role="group" aria-label="Table" {
                 table {
                     @if !table.title().is_empty() { caption { (table.title()) } }
                     thead { tr {
