@@ -1,4 +1,4 @@
-//! The book under `docs/`: every command in it runs, every link leads somewhere.
+//! README and the book under `docs/`: every command in them runs, every link leads somewhere.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
@@ -10,12 +10,15 @@ use system_tests::{image, program};
 /// The one command that is no program of the workspace; `image::elf` runs it.
 const IMAGE_BUILD: &str = "cargo build -p firmware --profile firmware --target thumbv7em-none-eabihf";
 
-/// What needs a cluster or other tools: `cluster/test-slurm` runs the first two, nothing the third, and `./test sumo` the last.
-const ELSEWHERE: [&str; 4] = [
+/// What needs a cluster or other tools, or never ends: `cluster/test-slurm` runs the first two, nothing the third, `./test sumo` the fourth;
+/// the browser's test serves the page, and the last is what runs this test.
+const ELSEWHERE: [&str; 6] = [
     "export HOST_SIM",
     "cluster/submit",
     "snakemake",
     "cargo run --release -- loop --traffic sumo",
+    "python3 -m http.server",
+    "./test",
 ];
 
 /// A chapter: its name and text.
@@ -31,7 +34,7 @@ fn repository() -> PathBuf {
         .unwrap()
 }
 
-/// README and all chapters, by name.
+/// All chapters of the book, by name.
 fn chapters() -> Vec<Chapter> {
     let docs = repository().join("docs");
     let entries = std::fs::read_dir(docs)
@@ -41,14 +44,17 @@ fn chapters() -> Vec<Chapter> {
         .filter(|path| path.extension().is_some_and(|end| end == "md"))
         .collect();
     paths.sort();
-    let read = |path: PathBuf| Chapter {
-        text: std::fs::read_to_string(&path).unwrap(),
-        path,
-    };
-    paths.into_iter().map(read).collect()
+    paths.into_iter().map(chapter).collect()
 }
 
-/// The commands of a chapter's console blocks, in order.
+fn chapter(path: PathBuf) -> Chapter {
+    Chapter {
+        text: std::fs::read_to_string(&path).unwrap(),
+        path,
+    }
+}
+
+/// The commands of a chapter's console blocks, in order, without the words that explain them.
 fn commands(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut in_console = false;
@@ -68,7 +74,7 @@ fn commands(text: &str) -> Vec<String> {
                     block
                         .lines()
                         .filter_map(|line| line.strip_prefix("$ "))
-                        .map(str::to_owned),
+                        .map(|line| line.split(" #").next().unwrap_or(line).trim().to_owned()),
                 );
             }
             _ => {}
@@ -95,9 +101,10 @@ fn workplace() -> tempfile::TempDir {
 }
 
 #[test]
-fn every_command_of_the_book_runs() {
+fn every_command_of_readme_and_book_runs() {
     let programs = programs();
-    for Chapter { path, text } in chapters() {
+    let readme = chapter(repository().join("README.md"));
+    for Chapter { path, text } in std::iter::once(readme).chain(chapters()) {
         // One folder a chapter: its commands build on each other, and on no other chapter's.
         let folder = workplace();
         for command in commands(&text) {
@@ -170,13 +177,7 @@ fn every_link_leads_somewhere() {
         "CONTRIBUTING.md",
         "firmware/README.md",
     ]
-    .map(|name| {
-        let path = repository().join(name);
-        Chapter {
-            text: std::fs::read_to_string(&path).unwrap(),
-            path,
-        }
-    });
+    .map(|name| chapter(repository().join(name)));
     let chapters = chapters();
     let mut checked = 0;
     for (index, Chapter { path, text }) in chapters.iter().chain(&others).enumerate() {
