@@ -101,6 +101,36 @@ fn results_do_not_depend_on_threads() {
 }
 
 #[test]
+fn results_do_not_depend_on_the_vector_unit_that_is_named() {
+    let run = |name: &str| {
+        let arguments = [&["run", "--policy", "actor", "--json"], &SMALL[..]].concat();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+        command
+            .args(arguments)
+            .env("FRESHLANE_VECTORS", name)
+            .output()
+            .unwrap()
+    };
+    let refused = run("abacus");
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    assert!(
+        message.contains("FRESHLANE_VECTORS") && message.contains("\"plain\""),
+        "{message}"
+    );
+    let ages = |name: &str| {
+        let object: Value = serde_json::from_slice(&run(name).stdout).unwrap();
+        object["policies"][0]["per_vehicle"].clone()
+    };
+    let plain = ages("plain");
+    assert_eq!(plain.as_array().unwrap().len(), 20);
+    for vectors in host_sim::lanes::Vectors::all() {
+        assert_eq!(ages(vectors.name()), plain, "{}", vectors.name());
+    }
+}
+
+#[test]
 fn a_run_without_json_writes_figures_and_data() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

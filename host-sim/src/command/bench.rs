@@ -3,7 +3,7 @@
 use super::options::ScenarioArguments;
 use crate::decisions::{Decisions, SILENT};
 use crate::environment::Environment;
-use crate::lanes::LANES;
+use crate::lanes::{LANES, Vectors};
 use crate::mobility::Grid;
 use crate::policy::{Decider, Scheduler, Setup, actor};
 use crate::report::table::{Column, Table};
@@ -172,6 +172,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         });
         (environment, with_actor)
     });
+    let vectors = Vectors::widest().name();
     if arguments.json {
         let object = json!({
             "vehicles": vehicles,
@@ -179,6 +180,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             "worlds": worlds,
             "slots": slots,
             "threads": arguments.threads,
+            "vectors": vectors,
             "environment_slots_per_second": environment.slots_per_second,
             "environment_slots_per_processor_second": environment.slots_per_processor_second,
             "actor_slots_per_second": actor.as_ref().map(|speed| speed.slots_per_second),
@@ -188,7 +190,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         return Ok(());
     }
     let title = format!(
-        "{vehicles} vehicles on {sub_channels} sub-channels, {worlds} worlds x {slots} slots, {} threads",
+        "{vehicles} vehicles on {sub_channels} sub-channels, {worlds} worlds x {slots} slots, {} threads, vectors: {vectors}",
         arguments.threads
     );
     let speeds = [Some(&environment), actor.as_ref()];

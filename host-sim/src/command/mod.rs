@@ -15,6 +15,7 @@ pub mod run;
 pub mod scenario;
 pub mod sweep;
 
+use crate::lanes::Vectors;
 use clap::error::ErrorKind;
 use kit::error::Result;
 use kit::output;
@@ -22,8 +23,8 @@ use kit::text::WIDTH;
 use kit::{remark, say};
 use std::process::ExitCode;
 
-/// Reads the command line. Help and version go to stdout as they are; anything wrong becomes one line on stderr and exit
-/// code 2.
+/// Reads the command line. Help and version go to stdout as they are; anything wrong, also with the vector unit that
+/// the environment asks for, becomes one line on stderr and exit code 2.
 ///
 /// # Errors
 /// The exit code to end with.
@@ -31,7 +32,7 @@ pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
     let mut command = P::command().max_term_width(WIDTH);
     let matches = command.try_get_matches_from_mut(std::env::args_os());
     let parsed = matches.and_then(|mut matches| P::from_arg_matches_mut(&mut matches));
-    parsed.map_err(|error| {
+    let line = parsed.map_err(|error| {
         let error = error.format(&mut command);
         if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
             say!("{}", error.to_string().trim_end());
@@ -39,7 +40,11 @@ pub fn parse<P: clap::Parser>() -> std::result::Result<P, ExitCode> {
         }
         remark!("{}", refusal::line(&error, &command));
         ExitCode::from(2)
-    })
+    })?;
+    match Vectors::chosen() {
+        Ok(_) => Ok(line),
+        Err(error) => Err(finish(Err(error))),
+    }
 }
 
 /// Prints a program's completion script for a shell.

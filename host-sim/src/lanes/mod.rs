@@ -4,21 +4,24 @@
 //! chooses the widest unit of the machine at run time. All arithmetic is lane by lane, in the order that the source says:
 //! nothing is fused or reassociated, so every width gives the same bits.
 
+mod dense;
 mod logarithm;
 mod normal;
 mod power;
-mod products;
 mod random;
 mod rounding;
 mod rows;
+mod units;
+mod vectors;
 
+pub use dense::{Dense, DenseRow};
 pub use logarithm::{decibels, ln};
 pub use normal::normals;
 pub use power::ratio;
-pub use products::{QUAD, pair};
 pub use random::{LaneStream, unit_interval};
 pub use rounding::floor;
 pub use rows::Rows;
+pub use vectors::Vectors;
 
 /// Worlds of a row (chosen: two to eight vectors of every machine's width).
 pub const LANES: usize = 32;
@@ -34,29 +37,4 @@ pub fn widened<T: Copy + Into<i32>>(row: &Row<T>) -> Row<i32> {
         wide[lane] = row[lane].into();
     }
     wide
-}
-
-/// The vector unit that loops over rows are compiled for.
-#[derive(Clone, Copy, Debug)]
-pub struct Vectors(Option<pulp::Arch>);
-
-impl Vectors {
-    /// The widest one that this machine has.
-    pub fn widest() -> Self {
-        Self(Some(pulp::Arch::new()))
-    }
-
-    /// What every machine of the architecture has, for comparison.
-    pub const fn plain() -> Self {
-        Self(None)
-    }
-
-    /// Runs `loops` on it. Whatever `loops` calls has to be inlined to profit.
-    #[inline(always)]
-    pub fn run<R>(self, loops: impl FnOnce() -> R) -> R {
-        match self.0 {
-            Some(architecture) => architecture.dispatch(loops),
-            None => loops(),
-        }
-    }
 }

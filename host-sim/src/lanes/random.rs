@@ -3,31 +3,31 @@
 //!
 //! ChaCha8 because it is the product's generator already: a counter under a key, so streams of different keys need no
 //! argument to be independent, and additions, rotations and exclusive ors alone, which every vector unit has. A draw costs
-//! about 26 vector operations.
+//! 26 vector operations where a rotation is one, 35 where it is three.
 
-use super::{LANES, Row};
+use super::units::{Kernel, Products, Rotation, Unit};
+use super::{LANES, Row, Vectors};
 use crate::stream::{Role, WorldKey};
 
 /// "expand 32-byte k" (D. Bernstein, ChaCha, a variant of Salsa20, 2008).
-const CONSTANTS: [u32; 4] = [0x6170_7865, 0x3320_646e, 0x7962_2d32, 0x6b20_6574];
+const CONSTANTS: [i32; 4] = [0x6170_7865, 0x3320_646e, 0x7962_2d32, 0x6b20_6574];
 
 const DOUBLE_ROUNDS: usize = 4;
 
 /// Words of a block.
 const BLOCK: usize = 16;
 
-/// Lanes that are worked on together: the widest vectors' length.
-const PART: usize = 16;
-
 /// One stream a lane.
 #[derive(Clone, Debug)]
 pub struct LaneStream {
+    /// What makes the blocks.
+    vectors: Vectors,
     /// `[word][lane]`.
-    key: [Row<u32>; 8],
+    key: [Row<i32>; 8],
     /// Of the next block, the same in all lanes.
     counter: u64,
     /// The present block.
-    words: [Row<u32>; BLOCK],
+    words: [Row<i32>; BLOCK],
     /// Words of it that were handed out.
     used: usize,
 }
@@ -39,10 +39,11 @@ impl LaneStream {
         for (lane, world) in keys.take(LANES).enumerate() {
             let bytes = world.bytes(role, member);
             for (row, word) in key.iter_mut().zip(bytes.as_chunks::<4>().0) {
-                row[lane] = u32::from_le_bytes(*word);
+                row[lane] = i32::from_le_bytes(*word);
             }
         }
         Self {
+            vectors: Vectors::widest(),
             key,
             counter: 0,
             words: [[0; LANES]; BLOCK],
@@ -57,72 +58,79 @@ impl LaneStream {
             self.next_block();
         }
         self.used += 1;
-        &self.words[self.used - 1]
+        pulp::bytemuck::cast_ref(&self.words[self.used - 1])
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn next_block(&mut self) {
-        let counter = [self.counter as u32, (self.counter >> 32) as u32, 0, 0];
-        // Part of a row at a time, so that all sixteen words stay in registers.
-        for part in 0..LANES / PART {
-            let first = part * PART;
-            let mut words = [[0; PART]; BLOCK];
-            for word in 0..4 {
-                words[word] = [CONSTANTS[word]; PART];
-                words[12 + word] = [counter[word]; PART];
-            }
-            for word in 0..8 {
-                words[4 + word].copy_from_slice(&self.key[word][first..first + PART]);
-            }
-            for _ in 0..DOUBLE_ROUNDS {
-                quarter_round::<0, 4, 8, 12>(&mut words);
-                quarter_round::<1, 5, 9, 13>(&mut words);
-                quarter_round::<2, 6, 10, 14>(&mut words);
-                quarter_round::<3, 7, 11, 15>(&mut words);
-                quarter_round::<0, 5, 10, 15>(&mut words);
-                quarter_round::<1, 6, 11, 12>(&mut words);
-                quarter_round::<2, 7, 8, 13>(&mut words);
-                quarter_round::<3, 4, 9, 14>(&mut words);
-            }
-            for (row, words) in self.words.iter_mut().zip(&words) {
-                row[first..first + PART].copy_from_slice(words);
-            }
-        }
-        for word in 0..4 {
-            add(&mut self.words[word], &[CONSTANTS[word]; LANES]);
-            add(&mut self.words[12 + word], &[counter[word]; LANES]);
-        }
-        for word in 0..8 {
-            add(&mut self.words[4 + word], &self.key[word]);
-        }
+        let counter = [self.counter as i32, (self.counter >> 32) as i32, 0, 0];
+        let (key, words) = (&self.key, &mut self.words);
+        self.vectors.compute(NextBlock { key, counter, words });
         self.counter += 1;
         self.used = 0;
     }
 }
 
-#[inline(always)]
-fn add(row: &mut Row<u32>, other: &Row<u32>) {
-    for lane in 0..LANES {
-        row[lane] = row[lane].wrapping_add(other[lane]);
+/// A block of every lane's stream.
+struct NextBlock<'a> {
+    key: &'a [Row<i32>; 8],
+    counter: [i32; 4],
+    words: &'a mut [Row<i32>; BLOCK],
+}
+
+impl Kernel for NextBlock<'_> {
+    #[inline(always)]
+    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
+        let unit = products.unit();
+        // A vector of each word at a time, so that all sixteen stay in registers.
+        for part in 0..LANES / P::Unit::WIDTH {
+            let mut start = [unit.splat(0); BLOCK];
+            for word in 0..4 {
+                start[word] = unit.splat(CONSTANTS[word]);
+                start[12 + word] = unit.splat(self.counter[word]);
+            }
+            for word in 0..8 {
+                start[4 + word] = unit.load(&self.key[word], part);
+            }
+            let mut words = start;
+            for _ in 0..DOUBLE_ROUNDS {
+                quarter_round::<_, 0, 4, 8, 12>(unit, &mut words);
+                quarter_round::<_, 1, 5, 9, 13>(unit, &mut words);
+                quarter_round::<_, 2, 6, 10, 14>(unit, &mut words);
+                quarter_round::<_, 3, 7, 11, 15>(unit, &mut words);
+                quarter_round::<_, 0, 5, 10, 15>(unit, &mut words);
+                quarter_round::<_, 1, 6, 11, 12>(unit, &mut words);
+                quarter_round::<_, 2, 7, 8, 13>(unit, &mut words);
+                quarter_round::<_, 3, 4, 9, 14>(unit, &mut words);
+            }
+            for word in 0..BLOCK {
+                let sum = unit.add(words[word], start[word]);
+                unit.store(&mut self.words[word], part, sum);
+            }
+        }
     }
 }
 
 #[inline(always)]
-fn quarter_round<const A: usize, const B: usize, const C: usize, const D: usize>(
-    words: &mut [[u32; PART]; BLOCK],
+fn quarter_round<U: Unit, const A: usize, const B: usize, const C: usize, const D: usize>(
+    unit: U,
+    words: &mut [U::Vector; BLOCK],
 ) {
-    let (mut a, mut b, mut c, mut d) = (words[A], words[B], words[C], words[D]);
-    for lane in 0..PART {
-        a[lane] = a[lane].wrapping_add(b[lane]);
-        d[lane] = (d[lane] ^ a[lane]).rotate_left(16);
-        c[lane] = c[lane].wrapping_add(d[lane]);
-        b[lane] = (b[lane] ^ c[lane]).rotate_left(12);
-        a[lane] = a[lane].wrapping_add(b[lane]);
-        d[lane] = (d[lane] ^ a[lane]).rotate_left(8);
-        c[lane] = c[lane].wrapping_add(d[lane]);
-        b[lane] = (b[lane] ^ c[lane]).rotate_left(7);
-    }
-    (words[A], words[B], words[C], words[D]) = (a, b, c, d);
+    words[A] = unit.add(words[A], words[B]);
+    words[D] = unit.rotate::<By<16>>(unit.xor(words[D], words[A]));
+    words[C] = unit.add(words[C], words[D]);
+    words[B] = unit.rotate::<By<12>>(unit.xor(words[B], words[C]));
+    words[A] = unit.add(words[A], words[B]);
+    words[D] = unit.rotate::<By<8>>(unit.xor(words[D], words[A]));
+    words[C] = unit.add(words[C], words[D]);
+    words[B] = unit.rotate::<By<7>>(unit.xor(words[B], words[C]));
+}
+
+/// A rotation to the left.
+struct By<const BITS: i32>;
+
+impl<const BITS: i32> Rotation for By<BITS> {
+    const LEFT: i32 = BITS;
 }
 
 /// A word as a number in (0, 1): an odd multiple of 2^-24.
@@ -144,11 +152,14 @@ mod tests {
             purpose: Purpose::Training,
             world: world * 977,
         });
-        let mut lanes = LaneStream::new(keys.clone(), Role::Identities, 5);
-        let mut streams: Vec<_> = keys.map(|key| key.stream(Role::Identities, 5)).collect();
-        for _ in 0..100 {
-            let expected: Vec<u32> = streams.iter_mut().map(Rng::next_u32).collect();
-            assert_eq!(lanes.next_row().as_slice(), expected);
+        for vectors in Vectors::all() {
+            let mut lanes = LaneStream::new(keys.clone(), Role::Identities, 5);
+            lanes.vectors = vectors;
+            let mut streams: Vec<_> = keys.clone().map(|key| key.stream(Role::Identities, 5)).collect();
+            for _ in 0..100 {
+                let expected: Vec<u32> = streams.iter_mut().map(Rng::next_u32).collect();
+                assert_eq!(lanes.next_row().as_slice(), expected, "{}", vectors.name());
+            }
         }
     }
 }
