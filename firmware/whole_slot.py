@@ -1,14 +1,18 @@
-"""What a whole slot costs the deployed image, every interrupt included: instructions and exceptions, byte by byte.
+"""What a whole slot costs the deployed image, every interrupt included: instructions and exceptions counted, cycles modelled.
 
 The image itself runs in Unicorn, an emulator of the core that counts exactly; this file plays the interrupt controller and the serial line,
 as the chip's reference manual (RM0090) has them: an interrupt for each byte that comes, one for each that may go, three ticks of the slot
 clock until the next frame. Handlers run one after the other; preempting each other they would count the same.
 
-    python3 -m venv target/unicorn && target/unicorn/bin/pip install unicorn
+    python3 -m venv target/unicorn && target/unicorn/bin/pip install unicorn capstone
     target/unicorn/bin/python firmware/whole_slot.py target/thumbv7em-none-eabihf/firmware/firmware
 
-The frames are the recorded ones of the tests, and the answers must be theirs. What an exception's entry and exit cost is in cycles and not in
-instructions: 12 each at least (Cortex-M4 TRM, section 3.9.1).
+The frames are the recorded ones of the tests, and the answers must be theirs.
+
+Cycles are a model, not a measurement: each instruction's from the Cortex-M4's Technical Reference Manual (r0p1, table 3-1), 24 for an exception's
+entry and exit (section 3.9.1, 12 each at least), and five wait states (RM0090, table 10) for every line of 16 bytes of the flash that
+its two caches do not hold: 64 lines for instructions and 8 for data, the least recently used one given up (section 3.5.2). No prefetch
+hides any of them.
 """
 
 from __future__ import annotations
@@ -18,9 +22,21 @@ import json
 import statistics
 import struct
 import sys
+from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 
-from unicorn import UC_ARCH_ARM, UC_HOOK_BLOCK, UC_HOOK_CODE, UC_HOOK_MEM_WRITE, UC_MODE_MCLASS, UC_MODE_THUMB, Uc
+from capstone import CS_ARCH_ARM, CS_MODE_MCLASS, CS_MODE_THUMB, Cs, CsInsn
+from unicorn import (
+    UC_ARCH_ARM,
+    UC_HOOK_BLOCK,
+    UC_HOOK_CODE,
+    UC_HOOK_MEM_READ,
+    UC_HOOK_MEM_WRITE,
+    UC_MODE_MCLASS,
+    UC_MODE_THUMB,
+    Uc,
+)
 from unicorn.arm_const import UC_ARM_REG_LR, UC_ARM_REG_SP, UC_CPU_ARM_CORTEX_M4
 
 FLASH, FLASH_LENGTH = 0x0800_0000, 1 << 20
@@ -40,8 +56,64 @@ SYSTICK, EXTERNAL = 15, 16
 """Numbers of exceptions: the timer, and the first interrupt."""
 USART1_INTERRUPT = 37
 WFI = b"\x30\xbf"
+LONGEST = 61
+"""Bytes of the longest frame of three sub-channels."""
 TICKS = 3
 """Of a slot's four the last coincides with the next frame, which begins a new one."""
+
+CORE_HZ, SLOT_SECONDS = 168e6, 1e-3
+WAIT_STATES, LINE = 5, 16
+INSTRUCTION_LINES, DATA_LINES = 64, 8
+EXCEPTION_CYCLES, BRANCH_CYCLES = 24, 2
+
+
+class Cache:
+    """Lines of flash; the least recently used one is given up."""
+
+    def __init__(self, lines: int) -> None:
+        self.lines, self.held = lines, OrderedDict[int, None]()
+
+    def misses(self, first: int, last: int) -> int:
+        """How many lines of these addresses were not there."""
+        misses = 0
+        for line in range(first // LINE, last // LINE + 1):
+            if line in self.held:
+                self.held.move_to_end(line)
+                continue
+            misses += 1
+            self.held[line] = None
+            if len(self.held) > self.lines:
+                self.held.popitem(last=False)
+        return misses
+
+
+@dataclass
+class Block:
+    """A stretch of instructions without a branch, and its cycles without wait states."""
+
+    instructions: int
+    cycles: int
+
+
+def cycles(instruction: CsInsn, follows_access: bool) -> tuple[int, bool]:
+    """What an instruction takes, and whether it is a single load or store, which the next one does not wait for."""
+    name = instruction.mnemonic
+    registers = instruction.op_str.partition("{")[2].count(",") + 1
+    if name.startswith(("ldm", "stm", "pop", "push", "vldm", "vstm", "vpop", "vpush")):
+        return 1 + registers, False
+    if name.startswith(("ldrd", "strd")):
+        return 3, False
+    if name.startswith("ldr"):
+        return 1 if follows_access else 2, True
+    if name.startswith("str"):
+        return 1, True
+    if name.startswith(("vdiv", "vsqrt")):
+        return 14, False
+    if name.startswith(("udiv", "sdiv")):
+        return 7, False
+    if name.startswith(("vml", "vfm", "vnml", "vfn")):
+        return 3, False
+    return (2 if name.startswith(("vldr", "vstr")) else 1), False
 
 
 class Chip:
@@ -67,9 +139,14 @@ class Chip:
         self.pending: set[int] = set()
         self.instructions = 0
         self.exceptions = 0
-        self.lengths: dict[tuple[int, int], int] = {}
+        self.cycles = 0
+        self.blocks: dict[tuple[int, int], Block] = {}
+        self.disassembler = Cs(CS_ARCH_ARM, CS_MODE_THUMB | CS_MODE_MCLASS)
+        self.code, self.data = Cache(INSTRUCTION_LINES), Cache(DATA_LINES)
+        self.behind = 0
         self._boot()
         self.core.hook_add(UC_HOOK_BLOCK, self._block)
+        self.core.hook_add(UC_HOOK_MEM_READ, self._load, begin=FLASH, end=FLASH + FLASH_LENGTH - 1)
         self.core.hook_add(UC_HOOK_MEM_WRITE, self._send, begin=DATA, end=DATA + 3)
         self.core.hook_add(UC_HOOK_MEM_WRITE, self._pend, begin=SET_PENDING, end=SET_PENDING + 11)
 
@@ -89,15 +166,26 @@ class Chip:
         self.stack = self.core.reg_read(UC_ARM_REG_SP)
 
     def _block(self, core: Uc, address: int, size: int, _: object) -> None:
-        if (address, size) not in self.lengths:
-            code = bytes(core.mem_read(address, size))
-            position = count = 0
-            while position < size:
-                # Thumb: 0b11101, 0b11110 and 0b11111 begin an instruction of two halfwords.
-                position += 4 if code[position + 1] >> 3 >= 0b11101 else 2
-                count += 1
-            self.lengths[address, size] = count
-        self.instructions += self.lengths[address, size]
+        block = self.blocks.get((address, size)) or self._disassemble(core, address, size)
+        self.instructions += block.instructions
+        self.cycles += block.cycles + BRANCH_CYCLES * (address != self.behind)
+        self.cycles += WAIT_STATES * self.code.misses(address, address + size - 1)
+        self.behind = address + size
+
+    def _disassemble(self, core: Uc, address: int, size: int) -> Block:
+        block, follows_access, decoded = Block(0, 0), False, 0
+        for instruction in self.disassembler.disasm(bytes(core.mem_read(address, size)), address):
+            taken, follows_access = cycles(instruction, follows_access)
+            block.cycles += taken
+            block.instructions += 1
+            decoded += instruction.size
+        if decoded != size:
+            raise ValueError(f"the code at {address + decoded:#x}: found what the disassembler does not know, expected an instruction")
+        self.blocks[address, size] = block
+        return block
+
+    def _load(self, _core: Uc, _access: int, address: int, size: int, _value: int, _: object) -> None:
+        self.cycles += WAIT_STATES * self.data.misses(address, address + size - 1)
 
     def _send(self, core: Uc, _access: int, _address: int, _size: int, value: int, _: object) -> None:
         self.sent.append(value & 0xFF)
@@ -110,6 +198,7 @@ class Chip:
     def take(self, exception: int) -> None:
         """Runs an exception's handler, and then what it pends, but not yet the line's: the line sends in its own time."""
         self.exceptions += 1
+        self.cycles += EXCEPTION_CYCLES
         # Eight words are what the core itself puts on the stack.
         self.core.reg_write(UC_ARM_REG_SP, self.stack - 32)
         self.core.reg_write(UC_ARM_REG_LR, RETURN | 1)
@@ -147,41 +236,63 @@ def segments(image: Path) -> list[tuple[int, bytes]]:
     return loaded
 
 
+@dataclass(frozen=True)
+class Slot:
+    """What a slot took, from the answer before to its own and the ticks behind it."""
+
+    instructions: int
+    exceptions: int
+    cycles: int
+    is_usual: bool
+    """Whether it had a single frame, of three sub-channels at most."""
+
+
+def record(chip: Chip, golden: Path) -> list[Slot]:
+    """The recorded frames, and what each slot took. Raises ValueError if the answers are not the recorded ones."""
+    slots, frames = [], 0
+    for frame in (golden / "slots.frames").read_bytes().split(b"\0")[:-1]:
+        before = len(chip.sent)
+        for byte in frame + b"\0":
+            chip.byte(byte)
+        frames += 1
+        if len(chip.sent) == before:
+            continue
+        for _ in range(TICKS):
+            chip.take(SYSTICK)
+        slots.append(Slot(chip.instructions, chip.exceptions, chip.cycles, frames == 1 and len(frame) < LONGEST))
+        chip.instructions = chip.exceptions = chip.cycles = frames = 0
+    if chip.sent != (golden / "slots.answers").read_bytes():
+        raise ValueError("the image's answers: found others, expected tests/golden/slots.answers")
+    return slots
+
+
 def main() -> int:
     """The command line."""
-    golden = Path(__file__).parents[1] / "tests/golden"
     parser = argparse.ArgumentParser(description="Counts what a whole slot costs the deployed image, every interrupt included.")
     parser.add_argument("image", type=Path)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
     try:
-        chip = Chip(arguments.image)
+        slots = record(Chip(arguments.image), Path(__file__).parents[1] / "tests/golden")
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
 
-    slots: list[tuple[int, int]] = []
-    for byte in (golden / "slots.frames").read_bytes():
-        before = len(chip.sent)
-        chip.byte(byte)
-        if len(chip.sent) == before:
-            continue
-        for _ in range(TICKS):
-            chip.take(SYSTICK)
-        slots.append((chip.instructions, chip.exceptions))
-        chip.instructions = chip.exceptions = 0
-    if chip.sent != (golden / "slots.answers").read_bytes():
-        print("error: the image's answers: found others, expected tests/golden/slots.answers", file=sys.stderr)
-        return 1
-
-    instructions, exceptions = zip(*slots, strict=True)
+    usual = [slot for slot in slots if slot.is_usual]
+    worst = max(slot.cycles for slot in usual)
     result = {
-        "slots": len(slots),
-        "slot_with_interrupts_min_instructions": min(instructions),
-        "slot_with_interrupts_median_instructions": int(statistics.median(instructions)),
-        "slot_with_interrupts_max_instructions": max(instructions),
-        "slot_with_interrupts_exceptions": int(statistics.median(exceptions)),
-        "slot_with_interrupts_max_exceptions": max(exceptions),
+        "slots": len(usual),
+        "slot_with_interrupts_min_instructions": min(slot.instructions for slot in usual),
+        "slot_with_interrupts_median_instructions": int(statistics.median(slot.instructions for slot in usual)),
+        "slot_with_interrupts_max_instructions": max(slot.instructions for slot in usual),
+        "slot_with_interrupts_exceptions": max(slot.exceptions for slot in usual),
+        "slot_with_interrupts_median_cycles": int(statistics.median(slot.cycles for slot in usual)),
+        "slot_with_interrupts_max_cycles": worst,
+        "slot_with_interrupts_percent": round(100 * worst / (CORE_HZ * SLOT_SECONDS), 1),
+        # With up to eight sub-channels, and with damaged and late frames before the slot's own.
+        "unusual_slots": len(slots) - len(usual),
+        "unusual_slot_max_instructions": max(slot.instructions for slot in slots),
+        "unusual_slot_max_cycles": max(slot.cycles for slot in slots),
     }
     print(json.dumps(result) if arguments.json else "\n".join(f"{key:42}{value:>8}" for key, value in result.items()))
     return 0
