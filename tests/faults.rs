@@ -114,8 +114,8 @@ fn fuzz(seed: u128, frames: u32) {
         // Short of the 256 bytes that the unit can take while it decides.
         while bytes.len() < 70 {
             let good = measured(&mut rng, slot.wrapping_add(1));
-            // Two kinds of frames: slots. Updates and slot lengths are fuzzed on the host, where time is not the machine's.
-            bytes.extend(noise(&mut rng, &good, 2));
+            // Two kinds of frames, of slots. Updates and slot lengths are fuzzed on the host, where time is not the machine's.
+            bytes.extend(noise(&mut rng, &good, &[1, 6]));
             bytes.push(0);
             sent += 1;
         }

@@ -79,12 +79,11 @@ impl Recording {
         let ModemFrame::Measurement(mut frame) = frame.clone() else {
             return frame.clone();
         };
-        match below(&mut self.rng, 6) {
+        match below(&mut self.rng, 5) {
             0 => frame.places = MAX_PLACES + 1,
             1 => frame.places = frame.gain.len() as u16 - 1,
             2 => frame.interference[0] = -1,
-            3 => frame.gain.clear(),
-            4 => drop(frame.interference.pop()),
+            3 => (frame.gain, frame.interference) = Default::default(),
             _ => frame.last_acknowledged = Some(frame.slot),
         }
         ModemFrame::Measurement(frame)
@@ -198,13 +197,12 @@ fn invalid_fields_get_no_answer() {
     else {
         unreachable!()
     };
-    let mut frames: [_; 6] = std::array::from_fn(|_| good.clone());
+    let mut frames: [_; 5] = std::array::from_fn(|_| good.clone());
     frames[0].places = 0;
     frames[1].places = MAX_PLACES + 1;
-    frames[2].gain.clear();
-    frames[3].interference.clear();
-    frames[4].interference[0] = -1;
-    frames[5].last_acknowledged = Some(6);
+    (frames[2].gain, frames[2].interference) = Default::default();
+    frames[3].interference[0] = -1;
+    frames[4].last_acknowledged = Some(6);
     for frame in frames {
         let frame = ModemFrame::Measurement(frame);
         unit.send(&wire(&frame));

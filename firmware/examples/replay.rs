@@ -13,13 +13,13 @@ use firmware::unit::Unit;
 
 /// What a modem sent in slot 1007, as it was on the wire: a vehicle whose place in a ring of 22 is 7, which three sub-channels carry in
 /// this slot on sub-channel 1; last acknowledged in slot 1000, with 31, 26.25 and 40.5 dB over noise at full power.
-const FRAME: [u8; 40] = [
-    1, 14, 239, 7, 3, 128, 124, 128, 105, 128, 162, 1, 3, 132, 2, 9, 144, 3, 1, 232, 7, 1, 7, 1, 15, 22, 4,
-    128, 241, 4, 9, 1, 32, 128, 120, 200, 171, 138, 25, 0,
+const FRAME: [u8; 43] = [
+    7, 6, 3, 23, 32, 239, 3, 1, 3, 232, 3, 1, 4, 128, 56, 1, 2, 22, 2, 7, 2, 4, 1, 3, 30, 9, 7, 31, 64, 26,
+    128, 40, 130, 1, 1, 2, 200, 5, 156, 220, 44, 88, 0,
 ];
 
 /// What the unit answered.
-const ANSWER: [u8; 14] = [1, 7, 239, 7, 1, 1, 128, 120, 5, 132, 159, 192, 14, 0];
+const ANSWER: [u8; 15] = [4, 3, 239, 3, 1, 2, 1, 2, 30, 5, 129, 93, 97, 216, 0];
 
 fn main() {
     // A unit with the table that is built in. Its lots follow from the number and the slot, so that the slot replays.

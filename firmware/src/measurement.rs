@@ -143,7 +143,18 @@ impl Measurement {
                 });
             }
         }
-        for (n, &level) in (0_u8..).zip(readings.interference) {
+        Self::with_levels(readings, padded(readings.gain), padded(readings.interference))
+    }
+
+    /// The same with levels of all sub-channels that a cell may have, zeros where it has none, instead of the readings' own.
+    #[inline(always)]
+    pub(crate) fn with_levels(
+        readings: &Readings<'_>,
+        gain: [Level; MAX_SUB_CHANNELS],
+        interference: [Level; MAX_SUB_CHANNELS],
+    ) -> Result<Self, MeasurementError> {
+        let count = readings.broadcast.ring.sub_channels().count();
+        for (n, &level) in (0_u8..).zip(interference.iter().take(count)) {
             if level < Level::ZERO {
                 return Err(MeasurementError::InterferenceBelowNoise(n));
             }
@@ -156,8 +167,8 @@ impl Measurement {
         }
         Ok(Self {
             slot: readings.slot,
-            gain: padded(readings.gain),
-            interference: padded(readings.interference),
+            gain,
+            interference,
             last_acknowledged: readings.last_acknowledged,
             place: readings.place,
             weight: readings.weight,
@@ -179,6 +190,16 @@ impl Measurement {
     /// Noise plus interference over noise in the slot before, for every sub-channel.
     pub fn interference(&self) -> &[Level] {
         self.used(&self.interference)
+    }
+
+    /// The same, zeros where the cell has no sub-channel.
+    pub(crate) const fn all_gains(&self) -> &[Level; MAX_SUB_CHANNELS] {
+        &self.gain
+    }
+
+    /// The same.
+    pub(crate) const fn all_interferences(&self) -> &[Level; MAX_SUB_CHANNELS] {
+        &self.interference
     }
 
     fn used<'m>(&self, levels: &'m [Level; MAX_SUB_CHANNELS]) -> &'m [Level] {

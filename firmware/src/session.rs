@@ -2,7 +2,9 @@
 //! the tests; a board adds a serial line, a timer and a flash.
 
 use crate::health::Health;
-use crate::link::{Counters, ModemFrame, Receiver, UnitFrame, UnitMessage, UpdateFrame};
+use crate::link::{
+    Counters, Frame, ModemFrame, PROTOCOL, Receiver, UnitFrame, UnitMessage, UpdateFrame, measurement,
+};
 use crate::lots::Identity;
 use crate::slot_clock::{SlotClock, SlotLength};
 use crate::table::{Table, TableError};
@@ -13,7 +15,7 @@ use crate::units::SlotIndex;
 /// What a byte or a tick asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Send this slot's decision.
+    /// Send this: a slot's decision, or what was asked for.
     Answer(UnitMessage),
     /// Hand this step to the table store and send its answer when it has one.
     Update(UpdateFrame),
@@ -38,7 +40,7 @@ impl<'t> Session<'t> {
     /// A session before its first frame.
     pub fn new(unit: Unit<'t>) -> Self {
         Self {
-            receiver: Receiver::default(),
+            receiver: Receiver::new(),
             unit,
             clock: SlotClock::default(),
             telemetry: Telemetry::default(),
@@ -58,15 +60,27 @@ impl<'t> Session<'t> {
 
     /// Takes one byte from the modem.
     pub fn byte(&mut self, byte: u8) -> Option<Request> {
-        let frame = self.receiver.push::<ModemFrame>(byte)?;
-        match frame.ok().and_then(|frame| self.frame(&frame)) {
-            Some(request) => request,
-            None => {
-                self.telemetry.dropped_frames = self.telemetry.dropped_frames.saturating_add(1);
-                self.health.dropped = self.health.dropped.saturating_add(1);
-                None
+        self.take(&mut &[byte][..])
+    }
+
+    /// Takes bytes from the modem off the front of `bytes`: up to the end of a frame, or all of them. For a line that brings many at once, until
+    /// none is left; what the frame asks for, and [`Session::timer_restart`], come before the next.
+    pub fn take(&mut self, bytes: &mut &[u8]) -> Option<Request> {
+        if let Ok(fields) = self.receiver.take(bytes)? {
+            match measurement(fields) {
+                // The frame of nearly every slot, in place.
+                Some(Ok(measurement)) => return self.event(&Event::Measured(measurement)),
+                Some(Err(_)) => {}
+                None => {
+                    if let Some(request) = ModemFrame::read(fields).and_then(|frame| self.frame(&frame)) {
+                        return request;
+                    }
+                }
             }
         }
+        self.telemetry.dropped_frames = self.telemetry.dropped_frames.saturating_add(1);
+        self.health.dropped = self.health.dropped.saturating_add(1);
+        None
     }
 
     /// One tick of the slot clock passes.
@@ -126,6 +140,7 @@ impl<'t> Session<'t> {
     /// `None` if the frame asks for what cannot be.
     fn frame(&mut self, frame: &ModemFrame) -> Option<Option<Request>> {
         match *frame {
+            ModemFrame::Hello => Some(Some(Request::Answer(UnitMessage::Hello { protocol: PROTOCOL }))),
             ModemFrame::SlotLength { microseconds } => {
                 if !self.in_emulator {
                     return None;
@@ -140,18 +155,21 @@ impl<'t> Session<'t> {
             }
             ModemFrame::Update(step) => Some(Some(Request::Update(step))),
             ModemFrame::Status => Some(Some(Request::Status(self.telemetry.counters()))),
-            ModemFrame::Measurement(_) | ModemFrame::Missed { .. } => {
-                let event = frame.event()?.ok()?;
-                if !self.believes(event.slot()) {
-                    self.telemetry.doubted_frames = self.telemetry.doubted_frames.saturating_add(1);
-                    return Some(None);
-                }
-                if self.clock.hear(event.slot(), u32::from(MAX_MISSED)) {
-                    self.timer_restarts = true;
-                }
-                Some(self.decide(&event))
-            }
+            ModemFrame::Missed { slot } => Some(self.event(&Event::Missed(SlotIndex(slot)))),
+            // Read in place.
+            ModemFrame::Measurement(_) => None,
         }
+    }
+
+    fn event(&mut self, event: &Event) -> Option<Request> {
+        if !self.believes(event.slot()) {
+            self.telemetry.doubted_frames = self.telemetry.doubted_frames.saturating_add(1);
+            return None;
+        }
+        if self.clock.hear(event.slot(), u32::from(MAX_MISSED)) {
+            self.timer_restarts = true;
+        }
+        self.decide(event)
     }
 
     /// Whether a frame's slot is believed. One that neither follows the last slot nor is an old one is a jump, and a jump is believed when

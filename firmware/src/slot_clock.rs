@@ -11,9 +11,8 @@ use crate::units::SlotIndex;
 
 /// Quarters of a slot.
 const QUARTERS: u32 = 4;
-/// How much later than expected a frame may be, in quarters of a slot (chosen). A frame of 8 sub-channels and its answer take 0.55 ms on the
-/// line, so of a 1 ms slot 0.45 ms are left: 0.25 for the delay, and 0.2, 33,600 cycles at 168 MHz, for the decision. With 16
-/// sub-channels 0.21 ms are left for both, so that only a frame that comes on time is answered in its slot.
+/// How much later than expected a frame may be, in quarters of a slot (chosen). A frame of 16 sub-channels and its answer take 0.55 ms on the
+/// line, so of a 1 ms slot 0.45 ms are left: 0.25 for the delay, and 0.2, 33,600 cycles at 168 MHz, for the decision.
 pub const GRACE_QUARTERS: u32 = 1;
 /// The longest tick in microseconds (chosen): SysTick counts 99 ms at most at 168 MHz, and ticks feed the watchdog.
 pub const MAX_TICK_MICROSECONDS: u32 = 50_000;
@@ -58,6 +57,8 @@ impl SlotLength {
 #[derive(Clone, Debug)]
 pub struct SlotClock {
     length: SlotLength,
+    /// Ticks in a quarter of it.
+    quarter: u32,
     /// The newest slot that the modem named.
     heard: Option<SlotIndex>,
     /// Ticks since the phase was set, less one slot for every slot that was due.
@@ -68,6 +69,7 @@ impl Default for SlotClock {
     fn default() -> Self {
         Self {
             length: SlotLength::DEFAULT,
+            quarter: SlotLength::DEFAULT.ticks_per_quarter(),
             heard: None,
             ticks: 0,
         }
@@ -78,6 +80,7 @@ impl SlotClock {
     /// Sets the slot's length and starts the phase anew.
     pub const fn set_length(&mut self, length: SlotLength) {
         self.length = length;
+        self.quarter = length.ticks_per_quarter();
         self.ticks = 0;
     }
 
@@ -88,7 +91,7 @@ impl SlotClock {
 
     /// What the board's timer must tick at, in microseconds.
     pub const fn tick_microseconds(&self) -> u32 {
-        match (self.length.microseconds / QUARTERS).checked_div(self.length.ticks_per_quarter()) {
+        match (self.length.microseconds / QUARTERS).checked_div(self.quarter) {
             Some(microseconds) => microseconds,
             None => MAX_TICK_MICROSECONDS,
         }
@@ -114,7 +117,7 @@ impl SlotClock {
         if self.heard.is_none() {
             return false;
         }
-        let quarter = self.length.ticks_per_quarter();
+        let quarter = self.quarter;
         let slot = quarter.saturating_mul(QUARTERS);
         self.ticks = self.ticks.saturating_add(1);
         let due = self.ticks >= slot.saturating_add(quarter.saturating_mul(GRACE_QUARTERS));

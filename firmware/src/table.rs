@@ -70,8 +70,8 @@ pub const SINR: core::ops::RangeInclusive<i16> = -20 * 256..=60 * 256;
 /// Scale of outputs of [`OutputForm::SubChannelAndPower`].
 const CONTINUOUS_SCALE: i32 = (1 << 24) / CONTINUOUS_ONE;
 
-/// The table's checksum.
-pub const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// The table's checksum, and the frames'. One place for its own table, of which a constant would have many.
+pub static CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Bytes aligned to a word, as a table must lie in memory.
 ///

@@ -1,13 +1,13 @@
 //! Images over the air with the real boot loader's rules: what is refused, and what a power cut leaves, at every word that is written and
 //! every step of an erase, in the unit and in the boot loader.
 
-#[path = "../src/board/exchange.rs"]
-mod exchange;
+#[path = "../src/board/boot_state.rs"]
+mod boot_state;
 
 use crate::signing::{TEST_SECRET, image_package, package};
+use boot_state::BootState;
 use embassy_boot::{BootLoader, BootLoaderConfig, State};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use exchange::BootState;
 use firmware::image_store::ImageStore;
 use firmware::link::{CHUNK_LEN, Refusal, UpdateAnswer, UpdateFrame};
 use firmware::table_store::package::HEADER_LEN;

@@ -1,21 +1,22 @@
 //! Frames survive the wire or are refused; never anything between.
 
 use firmware::link::{
-    CHUNK_LEN, Levels, LinkError, MAX_FRAME, MeasurementFrame, ModemFrame, Receiver, UnitFrame, UnitMessage,
-    UpdateAnswer, UpdateFrame, encode,
+    CHUNK_LEN, Frame, Levels, LinkError, MAX_FRAME, MeasurementFrame, ModemFrame, Receiver, UnitFrame,
+    UnitMessage, UpdateAnswer, UpdateFrame, encode,
 };
 use firmware::measurement::MeasurementError;
 use firmware::ring::MAX_PLACES;
 use firmware::units::MAX_SUB_CHANNELS;
 use proptest::prelude::*;
 
-fn levels() -> impl Strategy<Value = Levels> {
-    prop::collection::vec(any::<i16>(), 0..=MAX_SUB_CHANNELS)
-        .prop_map(|levels| Levels::from_slice(&levels).unwrap())
+/// Gains and as many interferences.
+fn levels() -> impl Strategy<Value = (Levels, Levels)> {
+    prop::collection::vec(any::<(i16, i16)>(), 0..=MAX_SUB_CHANNELS)
+        .prop_map(|pairs| pairs.into_iter().unzip())
 }
 
 fn modem_frame() -> impl Strategy<Value = ModemFrame> {
-    let levels = (levels(), levels());
+    let levels = levels();
     let vehicle = (
         any::<u32>(),
         any::<Option<u32>>(),
@@ -54,11 +55,14 @@ fn modem_frame() -> impl Strategy<Value = ModemFrame> {
         9 => measurement,
         1 => any::<u32>().prop_map(|slot| ModemFrame::Missed { slot }),
         1 => any::<u32>().prop_map(|number| ModemFrame::Identity { number }),
+        1 => Just(ModemFrame::Hello),
     ]
 }
 
 fn unit_frame() -> impl Strategy<Value = UnitFrame> {
-    (any::<u32>(), any::<Option<(u8, i16)>>(), any::<u8>()).prop_map(|(slot, transmit, state)| UnitFrame {
+    // 255 stands for none.
+    let transmit = proptest::option::of((0..255_u8, any::<i16>()));
+    (any::<u32>(), transmit, any::<u8>()).prop_map(|(slot, transmit, state)| UnitFrame {
         slot,
         transmit,
         state,
@@ -79,9 +83,9 @@ proptest! {
         prop_assert_eq!(receive(&wire), frames.into_iter().map(Ok).collect::<Vec<_>>());
 
         let mut receiver = Receiver::default();
-        let received: Vec<Result<UnitFrame, _>> =
-            encode(&answer).unwrap().into_iter().filter_map(|byte| receiver.push(byte)).collect();
-        prop_assert_eq!(received, vec![Ok(answer)]);
+        let received: Vec<Result<UnitMessage, _>> =
+            encode(&UnitMessage::Decision(answer)).unwrap().into_iter().filter_map(|byte| receiver.push(byte)).collect();
+        prop_assert_eq!(received, vec![Ok(UnitMessage::Decision(answer))]);
     }
 
     #[test]
@@ -152,9 +156,9 @@ fn the_longest_frames_have_the_documented_length() {
             .unwrap()
             .len()
     };
-    assert_eq!(measurement(MAX_SUB_CHANNELS), 139);
-    assert_eq!(measurement(8), 91);
-    assert_eq!(measurement(3), 61);
+    assert_eq!(measurement(MAX_SUB_CHANNELS), 95);
+    assert_eq!(measurement(8), 63);
+    assert_eq!(measurement(3), 43);
     let chunk = UpdateFrame::Chunk {
         offset: u32::MAX,
         bytes: [255; CHUNK_LEN],
@@ -162,13 +166,13 @@ fn the_longest_frames_have_the_documented_length() {
     assert_eq!(encode(&ModemFrame::Update(chunk)).unwrap().len(), 45);
     let answer = UnitFrame {
         slot: u32::MAX,
-        transmit: Some((255, i16::MIN)),
+        transmit: Some((254, i16::MIN)),
         state: 255,
     };
-    assert_eq!(encode(&UnitMessage::Decision(answer)).unwrap().len(), 18);
+    assert_eq!(encode(&UnitMessage::Decision(answer)).unwrap().len(), 15);
     let update = UpdateAnswer::Continue { offset: u32::MAX };
     assert!(encode(&UnitMessage::Update(update)).unwrap().len() <= 18);
-    const { assert!(139 <= MAX_FRAME) };
+    const { assert!(95 <= MAX_FRAME) };
 }
 
 proptest! {
@@ -176,7 +180,7 @@ proptest! {
 
     #[test]
     fn no_frame_is_longer_than_the_longest(frame in modem_frame()) {
-        prop_assert!(encode(&frame).unwrap().len() <= 139);
+        prop_assert!(encode(&frame).unwrap().len() <= 95);
     }
 }
 
@@ -213,7 +217,10 @@ fn readings_that_cannot_be_are_refused_by_name() {
     assert_eq!(MeasurementFrame::from(&smallest.measurement().unwrap()), smallest);
     type Change = fn(&mut MeasurementFrame);
     let rings: [(Change, &str); 4] = [
-        (|frame| frame.gain.clear(), "4000 places on 0 sub-channels"),
+        (
+            |frame| (frame.gain, frame.interference) = Default::default(),
+            "4000 places on 0 sub-channels",
+        ),
         (|frame| frame.places = 0, "0 places on 3 sub-channels"),
         (|frame| frame.places = 2, "2 places on 3 sub-channels"),
         (
@@ -262,5 +269,105 @@ fn readings_that_cannot_be_are_refused_by_name() {
         change(&mut frame);
         assert_eq!(frame.measurement(), Err(error));
         assert_eq!(error.to_string(), text);
+    }
+}
+
+/// A frame with any fields and the right checksum.
+fn framed(fields: &[u8]) -> Vec<u8> {
+    struct Raw(Vec<u8>);
+    impl Frame for Raw {
+        fn write(&self, room: &mut [u8]) -> Option<usize> {
+            room.get_mut(..self.0.len())?.copy_from_slice(&self.0);
+            Some(self.0.len())
+        }
+        fn read(fields: &[u8]) -> Option<Self> {
+            Some(Self(fields.to_vec()))
+        }
+    }
+    encode(&Raw(fields.to_vec())).unwrap().to_vec()
+}
+
+#[test]
+fn every_field_of_a_measurement_has_its_place() {
+    let frame = MeasurementFrame {
+        slot: 0x0403_0201,
+        gain: of(&[0x1211, -2]),
+        interference: of(&[0x1413, 5]),
+        last_acknowledged: Some(0x0807_0605),
+        place: Some((0x0e0d, true)),
+        awaits_acknowledgement: false,
+        places: 0x100f,
+        open: 0x1615,
+        threshold: 0x0c0b_0a09,
+        salt: 0x19,
+        gains_hold: true,
+        weight: 0x1a,
+        max_power: 0x1817,
+    };
+    let mut fields = [0; 33];
+    assert_eq!(
+        ModemFrame::Measurement(frame.clone()).write(&mut fields),
+        Some(33)
+    );
+    let expected = [
+        6, 2, 0b10111, 0x1a, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0x0f, 0x10, 0x0d, 0x0e, 0x15, 0x16, 0x17,
+        0x18, 0x19, 0x11, 0x12, 0xfe, 0xff, 0x13, 0x14, 5, 0,
+    ];
+    assert_eq!(fields, expected);
+    assert_eq!(
+        receive(&framed(&fields)),
+        [Ok(ModemFrame::Measurement(frame.clone()))]
+    );
+    // What is not this layout is no frame, whatever its checksum.
+    let refused = |fields: &[u8]| {
+        assert_eq!(
+            receive(&framed(fields)),
+            [Err(LinkError::Contents)],
+            "{fields:02x?}"
+        )
+    };
+    for length in 0..fields.len() {
+        refused(&fields[..length]);
+    }
+    refused(&[&fields[..], &[0]].concat());
+    for (position, value) in [(0, 7), (1, 1), (1, 3), (1, 255), (2, 0b110111), (2, 0b1001_0111)] {
+        let mut other = fields;
+        other[position] = value;
+        refused(&other);
+    }
+    let mut too_many = fields.to_vec();
+    too_many.resize(25 + 4 * 17, 0);
+    too_many[1] = 17;
+    assert_eq!(ModemFrame::read(&too_many), None);
+    let one_sided = MeasurementFrame {
+        interference: of(&[3]),
+        ..frame
+    };
+    assert_eq!(
+        encode(&ModemFrame::Measurement(one_sided)),
+        Err(LinkError::Encoding)
+    );
+}
+
+#[test]
+fn a_run_of_bytes_is_taken_frame_by_frame() {
+    let frames = [
+        ModemFrame::Missed { slot: 77 },
+        ModemFrame::Hello,
+        ModemFrame::Measurement(longest(3)),
+    ];
+    let wire: Vec<u8> = frames.iter().flat_map(|frame| encode(frame).unwrap()).collect();
+    // However the line cuts them.
+    for piece in 1..=wire.len() {
+        let mut receiver = Receiver::new();
+        let mut received = Vec::new();
+        for mut bytes in wire.chunks(piece) {
+            while !bytes.is_empty() {
+                if let Some(fields) = receiver.take(&mut bytes) {
+                    received.push(ModemFrame::read(fields.unwrap()).unwrap());
+                }
+            }
+        }
+        assert_eq!(received, frames, "pieces of {piece}");
     }
 }

@@ -3,9 +3,13 @@
 use firmware::table::CHECKSUM;
 use rand_core::Rng;
 
-/// Bytes that are hardly ever a frame: meaningless ones, meaningless fields (`kinds` of frames and one more) under a checksum
-/// that fits, and a good frame with a bit flipped, its beginning lost, or bytes between.
-pub fn noise(rng: &mut impl Rng, good: &[u8], kinds: u8) -> Vec<u8> {
+/// The kind of a measurement, and the bytes before its levels (`firmware/src/link/measurement.rs`).
+const MEASUREMENT: u8 = 6;
+const FIXED: usize = 25;
+
+/// Bytes that are hardly ever a frame: meaningless ones, meaningless fields (of these kinds of frames and one that there is not) under a
+/// checksum that fits, and a good frame with a bit flipped, its beginning lost, or bytes between.
+pub fn noise(rng: &mut impl Rng, good: &[u8], kinds: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; below(rng, 60) as usize];
     rng.fill_bytes(&mut bytes);
     let mut wire = good.to_vec();
@@ -15,8 +19,18 @@ pub fn noise(rng: &mut impl Rng, good: &[u8], kinds: u8) -> Vec<u8> {
         1 => {
             bytes.truncate(50);
             if let Some(kind) = bytes.first_mut() {
-                *kind %= kinds + 1;
-                *kind += 0x40 * u8::from(*kind == kinds);
+                *kind = kinds
+                    .get(usize::from(*kind) % (kinds.len() + 1))
+                    .copied()
+                    .unwrap_or(0x46);
+            }
+            // Otherwise hardly any would have the length of its number of sub-channels.
+            if let [MEASUREMENT, count, flags, ..] = bytes.as_mut_slice()
+                && *flags & 0x80 == 0
+            {
+                (*count, *flags) = (*count % 7, *flags & 0x1f);
+                let length = FIXED + 4 * usize::from(*count);
+                bytes.resize(length, 0x11);
             }
             return sealed(&bytes);
         }

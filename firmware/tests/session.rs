@@ -5,15 +5,15 @@ use crate::readings::Readings;
 use crate::table_builder::Contents;
 use firmware::decision::{ACTIONS, Decision};
 use firmware::link::{
-    ClockSource, Counters, ImageStatus, ModemFrame, Receiver, ResetCause, StatusFrame, TableStatus, Trial,
-    UnitFrame, UnitMessage, encode,
+    ClockSource, Counters, ImageStatus, ModemFrame, PROTOCOL, Receiver, ResetCause, StatusFrame, TableStatus,
+    Trial, UnitFrame, UnitMessage, encode,
 };
 use firmware::lots::Identity;
 use firmware::observation::INPUTS;
 use firmware::session::{Request, Session};
 use firmware::slot_clock::{MAX_TICK_MICROSECONDS, SlotClock, SlotLength};
 use firmware::tables::DISTILLED;
-use firmware::unit::Unit;
+use firmware::unit::{Event, Unit};
 use firmware::units::{MAX_SUB_CHANNELS, SlotIndex};
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
@@ -359,6 +359,20 @@ fn a_unit_says_how_it_is() {
     assert_eq!(received.next(), Some(Ok(message)));
 }
 
+#[test]
+fn a_unit_says_which_frames_it_speaks() {
+    let mut session = session();
+    // Whatever else changes, these bytes do not.
+    let hello = [0x01, 0x05, 0x8d, 0xef, 0x02, 0xd2, 0x00];
+    assert_eq!(encode(&ModemFrame::Hello).unwrap(), hello);
+    let requests: Vec<_> = hello.into_iter().filter_map(|byte| session.byte(byte)).collect();
+    let protocol = UnitMessage::Hello { protocol: PROTOCOL };
+    assert_eq!(requests, [Request::Answer(protocol)]);
+    assert_eq!(encode(&protocol).unwrap()[..3], [1, 6, PROTOCOL]);
+    assert_eq!(session.telemetry().slots, 0);
+    assert_eq!(session.telemetry().dropped_frames, 0);
+}
+
 /// The number under which the base station knows the vehicle decides its lots from the next slot on.
 #[test]
 fn a_unit_draws_its_lots_under_the_number_that_it_is_told() {
@@ -427,7 +441,7 @@ impl Fuzz {
     fn round(&mut self, session: &mut Session<'static>) {
         let legal = |frame: &UnitFrame| frame.decision().is_some();
         let good = encode(&self.valid_frame(session)).unwrap();
-        let noise = noise(&mut self.rng, &good, 5);
+        let noise = noise(&mut self.rng, &good, &[0, 1, 2, 3, 4, 5, 6]);
         self.frames += 1;
         for byte in noise.into_iter().chain([0]) {
             if let Some(Request::Answer(UnitMessage::Decision(frame))) = session.byte(byte) {
@@ -444,7 +458,10 @@ impl Fuzz {
             }
         }
         let frame = self.valid_frame(session);
-        let event = frame.event().unwrap().unwrap();
+        let ModemFrame::Measurement(sent) = &frame else {
+            unreachable!()
+        };
+        let event = Event::Measured(sent.measurement().unwrap());
         let expected = session
             .unit()
             .clone()
@@ -452,9 +469,6 @@ impl Fuzz {
             .map(|report| UnitFrame::from(&report));
         assert_eq!(send(session, &frame), Vec::from_iter(expected), "{frame:?}");
         // At most the broadcast power, on one of the cell's sub-channels.
-        let ModemFrame::Measurement(sent) = frame else {
-            unreachable!()
-        };
         let allowed = |decision| match decision {
             Decision::Silent => true,
             Decision::Transmit { sub_channel, power } => {

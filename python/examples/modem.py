@@ -1,8 +1,8 @@
 """The modem's end of the line to a unit, in plain Python: every frame that goes either way, and a program that talks to a unit.
 
-A frame is postcard's encoding of its fields (https://postcard.jamesmunns.com/wire-format), the CRC-32 of those bytes, little-endian, and
-COBS around both (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2), 1999), with a zero byte behind. The firmware's own
-definition is `firmware/src/link/frame.rs`. Levels and powers count 1/256 dB, over noise or over 1 mW.
+A frame is its fields, the CRC-32 of those bytes, little-endian, and COBS around both (Cheshire and Baker, IEEE/ACM Transactions on
+Networking 7(2), 1999), with a zero byte behind. A measurement's and a decision's fields have their places; all others' are in postcard's encoding
+(https://postcard.jamesmunns.com/wire-format). The firmware's own definition is `firmware/src/link/`. Levels and powers count 1/256 dB, over noise or over 1 mW.
 
     python3 modem.py read < tests/golden/slots.answers
     python3 modem.py talk --slots 100 -- qemu-system-arm -machine microbit -display none -monitor none -serial stdio -kernel UNIT
@@ -13,6 +13,7 @@ On a real line `Line` takes any pair of binary streams, as pyserial's `Serial` i
 from __future__ import annotations
 
 import argparse
+import struct
 import subprocess
 import sys
 import zlib
@@ -20,7 +21,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import IO, ClassVar, TypeAlias
 
-MAX_FRAME = 140
+PROTOCOL = 2
+"""The version of all frames here; a unit tells its own when it is asked with `Hello`."""
+MAX_FRAME = 96
 """Most bytes of a frame on the wire, its delimiter among them."""
 MAX_SUB_CHANNELS = 16
 CHUNK_LEN = 32
@@ -96,20 +99,8 @@ class Reader:
         value = self.varint(16)
         return value >> 1 ^ -(value & 1)
 
-    def levels(self) -> tuple[int, ...]:
-        count = self.varint(32)
-        if count > MAX_SUB_CHANNELS:
-            raise ValueError(f"found {count} levels, expected at most {MAX_SUB_CHANNELS}")
-        return tuple(self.i16() for _ in range(count))
-
     def option(self, read: Callable[[], object]) -> object:
         return read() if self.flag() else None
-
-    def place(self) -> tuple[int, bool]:
-        return self.u16(), self.flag()
-
-    def transmit(self) -> tuple[int, int]:
-        return self.u8(), self.i16()
 
     def trial(self) -> tuple[int, int | None]:
         trial = self.choice(len(TRIALS))
@@ -142,13 +133,9 @@ def _option(write: Callable[..., bytes]) -> Callable[..., bytes]:
 
 WRITERS: dict[str, Callable[..., bytes]] = {
     "u8": lambda value: value.to_bytes(1, "little"),
-    "flag": lambda value: bytes([value]),
     "u16": lambda value: _varint(value, 16),
     "u32": lambda value: _varint(value, 32),
     "i16": _i16,
-    "levels": lambda values: _varint(len(values), 32) + b"".join(map(_i16, values)),
-    "place": lambda value: _varint(value[0], 16) + bytes([value[1]]),
-    "transmit": lambda value: value[0].to_bytes(1, "little") + _i16(value[1]),
     "trial": lambda value: bytes([value[0]]) + (b"" if value[1] is None else _varint(value[1], 32)),
     "chunk": bytes,
 }
@@ -169,16 +156,29 @@ class Frame:
             encoded += (_option(write) if kind.startswith("?") else write)(value)
         return encoded
 
+    @classmethod
+    def read(cls, reader: Reader) -> Frame:
+        """The frame of the fields behind its variant."""
+        return cls(*(reader.option(getattr(reader, kind[1:])) if kind.startswith("?") else getattr(reader, kind)() for kind in cls.KINDS))
+
 
 # From the modem.
+
+
+@dataclass(frozen=True)
+class Hello(Frame):
+    """Asks for the version of a unit's frames."""
+
+    VARIANT = (0,)
 
 
 @dataclass(frozen=True)
 class Measurement(Frame):
     """A slot's readings; `firmware/src/measurement.rs` says what they mean."""
 
-    VARIANT = (0,)
-    KINDS = ("u32", "levels", "levels", "?u32", "?place", "flag", "u16", "u16", "u32", "u8", "flag", "u8", "i16")
+    VARIANT = (6,)
+    FIXED: ClassVar = struct.Struct("<BBBBIIIHHHhB")
+    """Kind, sub-channels, flags, weight, slot, last acknowledged, threshold, places, place, open, most power, salt."""
 
     slot: int
     gain: tuple[int, ...]
@@ -200,6 +200,45 @@ class Measurement(Frame):
     weight: int
     """What the vehicle's age is weighed with, in 1/32."""
     max_power: int
+
+    def fields(self) -> bytes:
+        """The fields, each at its place."""
+        if len(self.gain) != len(self.interference):
+            raise ValueError(f"found {len(self.interference)} interferences, expected one for each of {len(self.gain)} gains")
+        place, assigned = self.place or (0, False)
+        flags = (self.last_acknowledged is not None, self.place is not None, assigned, self.awaits_acknowledgement, self.gains_hold)
+        fixed = (
+            *(self.VARIANT[0], len(self.gain), sum(flag << bit for bit, flag in enumerate(flags)), self.weight),
+            *(self.slot, self.last_acknowledged or 0, self.threshold),
+            *(self.places, place, self.open, self.max_power, self.salt),
+        )
+        try:
+            return self.FIXED.pack(*fixed) + struct.pack(f"<{2 * len(self.gain)}h", *self.gain, *self.interference)
+        except struct.error as error:
+            raise ValueError(f"found {fixed}, expected numbers that fit: {error}") from None
+
+    @classmethod
+    def read(cls, reader: Reader) -> Measurement:
+        fixed = bytes(cls.VARIANT) + reader.take(cls.FIXED.size - 1)
+        _, count, flags, weight, slot, acknowledged, threshold, places, place, open_, max_power, salt = cls.FIXED.unpack(fixed)
+        if count > MAX_SUB_CHANNELS or flags >= 1 << 5:
+            raise ValueError(f"found {count} sub-channels and flags {flags:#x}, expected at most {MAX_SUB_CHANNELS} and 0x1f")
+        levels = struct.unpack(f"<{2 * count}h", reader.take(4 * count))
+        return cls(
+            slot=slot,
+            gain=levels[:count],
+            interference=levels[count:],
+            last_acknowledged=acknowledged if flags & 1 else None,
+            place=(place, bool(flags & 4)) if flags & 2 else None,
+            awaits_acknowledgement=bool(flags & 8),
+            places=places,
+            open=open_,
+            threshold=threshold,
+            salt=salt,
+            gains_hold=bool(flags & 16),
+            weight=weight,
+            max_power=max_power,
+        )
 
 
 @dataclass(frozen=True)
@@ -284,14 +323,27 @@ class StatusRequest(Frame):
 class Decision(Frame):
     """A slot's decision."""
 
-    VARIANT = (0,)
-    KINDS = ("u32", "?transmit", "u8")
+    VARIANT = (3,)
+    FIXED: ClassVar = struct.Struct("<BIBhB")
+    """Kind, slot, sub-channel or `SILENCE`, power, state."""
+    SILENCE: ClassVar = 255
 
     slot: int
     transmit: tuple[int, int] | None
     """Sub-channel and power, or None: silent."""
     state: int
     """Which of `STATES`."""
+
+    def fields(self) -> bytes:
+        """The fields, each at its place."""
+        sub_channel, power = self.transmit or (self.SILENCE, 0)
+        return self.FIXED.pack(self.VARIANT[0], self.slot, sub_channel, power, self.state)
+
+    @classmethod
+    def read(cls, reader: Reader) -> Decision:
+        fixed = bytes(cls.VARIANT) + reader.take(cls.FIXED.size - 1)
+        _, slot, sub_channel, power, state = cls.FIXED.unpack(fixed)
+        return cls(slot, None if sub_channel == cls.SILENCE else (sub_channel, power), state)
 
 
 @dataclass(frozen=True)
@@ -364,7 +416,18 @@ class Status(Frame):
     """Whether the next start takes the image back unless it proves itself."""
 
 
+@dataclass(frozen=True)
+class Protocol(Frame):
+    """Which frames the unit speaks."""
+
+    VARIANT = (0,)
+    KINDS = ("u8",)
+
+    version: int
+
+
 FROM_MODEM: tuple[type[Frame], ...] = (
+    Hello,
     Measurement,
     Missed,
     SlotLength,
@@ -375,7 +438,7 @@ FROM_MODEM: tuple[type[Frame], ...] = (
     Identity,
     StatusRequest,
 )
-FROM_UNIT: tuple[type[Frame], ...] = (Decision, Continue, Stored, Refused, Busy, Status)
+FROM_UNIT: tuple[type[Frame], ...] = (Decision, Continue, Stored, Refused, Busy, Status, Protocol)
 Frames: TypeAlias = tuple[type[Frame], ...]
 
 
@@ -400,13 +463,10 @@ def decode(wire: bytes, kinds: Frames) -> Frame:
             raise ValueError(f"found variant {variant}, expected a frame that this end sends")
         if found[0].VARIANT == variant:
             break
-    kind = found[0]
-    values = [
-        reader.option(getattr(reader, name[1:])) if name.startswith("?") else getattr(reader, name)() for name in kind.KINDS
-    ]
+    frame = found[0].read(reader)
     if reader.rest:
         raise ValueError(f"found {len(reader.rest)} bytes behind the fields, expected none")
-    return kind(*values)
+    return frame
 
 
 def _stuff(data: bytes) -> bytes:
@@ -477,6 +537,9 @@ def _talk(command: list[str], slots: int) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as unit:
         assert unit.stdin and unit.stdout
         line = Line(unit.stdout, unit.stdin)
+        line.send(Hello())
+        if (answer := line.receive()) != Protocol(PROTOCOL):
+            raise EOFError(f"found {answer}, expected a unit of protocol {PROTOCOL}")
         # This end is not in a hurry, so nothing may be overdue.
         line.send(SlotLength(60_000_000))
         line.send(Identity(7))

@@ -20,12 +20,15 @@ specification.loader.exec_module(modem)
 
 # `firmware/examples/replay.rs`.
 FRAME = bytes(
-    [1, 14, 239, 7, 3, 128, 124, 128, 105, 128, 162, 1, 3, 132, 2, 9, 144, 3, 1, 232, 7, 1, 7, 1, 15, 22, 4, 128, 241, 4, 9, 1]
-    + [32, 128, 120, 200, 171, 138, 25, 0]
+    [7, 6, 3, 23, 32, 239, 3, 1, 3, 232, 3, 1, 4, 128, 56, 1, 2, 22, 2, 7, 2, 4, 1, 3, 30, 9, 7, 31, 64, 26]
+    + [128, 40, 130, 1, 1, 2, 200, 5, 156, 220, 44, 88, 0]
 )
 # A status, from `firmware/tests/session.rs`.
 STATUS = "2102078cdfe2f90e01080603c0843df09309c8011e04010301a01f0901a2d2954300"
-ANSWER = bytes([1, 7, 239, 7, 1, 1, 128, 120, 5, 132, 159, 192, 14, 0])
+ANSWER = bytes([4, 3, 239, 3, 1, 2, 1, 2, 30, 5, 129, 93, 97, 216, 0])
+# A question and its answer that never change, from `firmware/tests/session.rs`.
+HELLO = bytes([1, 5, 0x8D, 0xEF, 2, 0xD2, 0])
+PROTOCOL = bytes.fromhex("010602d373d7af00")
 
 
 def golden(name: str) -> list[bytes]:
@@ -41,6 +44,11 @@ def test_the_documented_slot() -> None:
     answer = modem.decode(ANSWER[:-1], modem.FROM_UNIT)
     assert answer == modem.Decision(slot=1007, transmit=(1, 30 * 256), state=0)
     assert modem.encode(answer) == ANSWER
+
+
+def test_the_frames_have_a_version() -> None:
+    assert modem.encode(modem.Hello()) == HELLO
+    assert modem.decode(PROTOCOL[:-1], modem.FROM_UNIT) == modem.Protocol(modem.PROTOCOL)
 
 
 def test_recorded_frames_come_back_to_the_byte_and_have_their_answers() -> None:

@@ -83,9 +83,7 @@ impl Qemu {
                 None => panic!("no answer to an update"),
                 Some(UnitMessage::Decision(frame)) => decisions.push(frame),
                 Some(UnitMessage::Update(answer)) => return (answer, decisions),
-                Some(UnitMessage::Status(status)) => {
-                    panic!("expected an answer to an update, found {status:?}")
-                }
+                Some(other) => panic!("expected an answer to an update, found {other:?}"),
             }
         }
     }

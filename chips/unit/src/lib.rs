@@ -20,8 +20,9 @@ pub async fn run(session: &mut Session<'_>, mut from_modem: impl Read, mut to_mo
         match select(from_modem.read(&mut bytes), ticks.next()).await {
             Either::First(received) => {
                 // A byte that the line lost costs its frame, whose checksum then fails.
-                for &byte in bytes.iter().take(received.unwrap_or(0)) {
-                    let request = session.byte(byte);
+                let mut bytes = bytes.get(..received.unwrap_or(0)).unwrap_or_default();
+                while !bytes.is_empty() {
+                    let request = session.take(&mut bytes);
                     if let Some(period) = session.timer_restart() {
                         ticks = ticker(period);
                     }

@@ -30,7 +30,9 @@ mod target {
     use firmware::actor::Actor;
     use firmware::decision::{Decision, PowerPlan};
     use firmware::form::{MAX_INPUTS, ObservationForm, OutputForm};
-    use firmware::link::{MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode};
+    use firmware::link::{
+        Frame, MAX_FRAME, ModemFrame, Receiver, UnitFrame, UnitMessage, encode, encode_into, measurement,
+    };
     use firmware::lots::Identity;
     use firmware::measurement::{Broadcast, Measurement, MeasurementError, Place, Readings};
     use firmware::network::{MAX_OUTPUTS, Network, Scratch};
@@ -282,19 +284,20 @@ mod target {
     }
 
     #[inline(never)]
-    fn frame_in(receiver: &mut Receiver, bytes: &[u8]) -> Option<ModemFrame> {
-        // Byte by byte, as a session: what `last` would carry along is no part of a slot.
-        for &byte in bytes {
-            if let Some(frame) = receiver.push(byte) {
-                return frame.ok();
-            }
-        }
-        None
+    fn frame_in<'r>(receiver: &'r mut Receiver, mut bytes: &[u8]) -> Option<&'r [u8]> {
+        // At once, as a session takes what the line brought.
+        receiver.take(&mut bytes)?.ok()
     }
 
     #[inline(never)]
-    fn validate(frame: &ModemFrame) -> Option<Result<Event, MeasurementError>> {
-        frame.event()
+    fn validate(fields: &[u8]) -> Option<Result<Event, MeasurementError>> {
+        match measurement(fields) {
+            Some(measurement) => Some(measurement.map(Event::Measured)),
+            None => match ModemFrame::read(fields)? {
+                ModemFrame::Missed { slot } => Some(Ok(Event::Missed(SlotIndex(slot)))),
+                _ => None,
+            },
+        }
     }
 
     #[inline(never)]
@@ -333,8 +336,8 @@ mod target {
     }
 
     #[inline(never)]
-    fn frame_out(report: &Report) -> Option<Vec<u8, MAX_FRAME>> {
-        encode(&UnitMessage::Decision(UnitFrame::from(report))).ok()
+    fn frame_out(report: &Report, room: &mut [u8; MAX_FRAME]) -> Option<usize> {
+        encode_into(&UnitMessage::Decision(UnitFrame::from(report)), room).ok()
     }
 
     // Each is built on the stack before it moves to its place, so not both in one function.
@@ -362,7 +365,7 @@ mod target {
         let (observation_form, output_form) =
             black_box((actor.table().observation_form(), actor.table().output_form()));
         let (required_sinr, plan) = (actor.table().required_sinr(), *actor.table().power_plan());
-        let mut receiver = Receiver::default();
+        let (mut receiver, mut room) = (Receiver::new(), [0; MAX_FRAME]);
         let mut total = Counts::NONE;
         let mut stages = [Counts::NONE; 9];
         let mut index = u32::MAX - 1000;
@@ -385,14 +388,14 @@ mod target {
             let in_a_row = gap == 0 && measured;
             measured = !missed;
 
-            let (frame, frame_in_count) = counter.count(|| frame_in(&mut receiver, black_box(&wire)));
-            let frame = frame?;
-            let (event, validate_count) = counter.count(|| validate(black_box(&frame)));
+            let (fields, frame_in_count) = counter.count(|| frame_in(&mut receiver, black_box(&wire)));
+            let fields = fields?;
+            let (event, validate_count) = counter.count(|| validate(black_box(fields)));
             let event = event?.ok()?;
             let (report, slot_count) = counter.count(|| slot(unit, black_box(&event)));
             let report = report?;
             let unit_count = |kind: bool| if kind { slot_count } else { 0 };
-            let (answer, frame_out_count) = counter.count(|| frame_out(black_box(&report)));
+            let (answer, frame_out_count) = counter.count(|| frame_out(black_box(&report), &mut room));
             let _ = answer?;
             total.add(frame_in_count + validate_count + slot_count + frame_out_count);
 

@@ -1,6 +1,6 @@
 //! Images over the air, in a program that a boot loader has started.
 
-use super::exchange::BootState;
+use super::boot_state::BootState;
 use super::flash::Flash;
 use super::image_flash::{Room, State};
 use firmware::image_store::ImageStore;

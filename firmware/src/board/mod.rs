@@ -9,19 +9,19 @@
 //!
 //! | priority | task | what it does |
 //! |---|---|---|
-//! | 3 | `line` (USART1) | bytes between the line and two queues; wakes `decide` when a frame is complete |
-//! | 2 | `tick` (SysTick) | counts a tick, whatever the modem does |
-//! | 1 | `decide` (EXTI0, pended by the others) | frames and overdue slots to decisions; feeds the watchdog |
+//! | 1 | `line` (USART1) | the line fell idle: frames to decisions |
+//! | 1 | `tick` (SysTick) | a tick is over, whatever the modem does: overdue slots to decisions, and frames behind which no line is idle |
 //! | 0 | `idle` | table updates, trials, the running table's checksum: flash and signatures; sleep |
 //!
-//! `decide` preempts an update, so slots are decided while a signature is checked; the exception is a sector's erase
+//! The first two do not preempt each other, so nothing between the line and a decision is locked or queued.
+//! They preempt an update, so slots are decided while a signature is checked; the exception is a sector's erase
 //! ([`flash`]).
 //!
 //! Nothing on the way from a frame to its answer can panic; the program `no-panic-proof` is the linker's proof.
 
+mod boot_state;
 mod clocks;
 mod device_id;
-mod exchange;
 mod flash;
 mod flash_controller;
 mod image_flash;
@@ -37,7 +37,7 @@ mod watchdog;
 
 use firmware::health::Health;
 use firmware::link::{
-    ClockSource, Counters, ResetCause, StatusFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
+    ClockSource, Counters, ResetCause, StatusFrame, UnitMessage, UpdateAnswer, UpdateFrame,
 };
 use firmware::lots::Identity;
 use firmware::session::{Request, Session};
@@ -46,9 +46,9 @@ use firmware::table_store::{Key, TableStore};
 use firmware::tables::DISTILLED;
 use firmware::unit::Unit;
 use flash::Flash;
-use heapless::spsc::{Consumer, Producer};
 use images::Images;
-use serial::{Received, Serial, ToSend};
+use rtic::Mutex;
+use serial::{RECEIVED, Received, Serial, ToSend};
 use slot_timer::SlotTimer;
 use stopwatch::Stopwatch;
 use watchdog::Watchdog;
@@ -62,27 +62,143 @@ pub enum Job {
     Status(Counters),
 }
 
-/// What there is to do below all decisions.
-pub struct Work {
-    /// It stays while it is worked on, which makes the unit busy.
+/// What passes between the slots and what is done below them.
+pub struct Exchange {
+    /// What there is to do. It stays while it is worked on, which makes the unit busy.
     job: Option<Job>,
     /// How the unit did with its table.
     window: Option<Health>,
     /// A slot was decided: time to read on in the running table.
     decided: bool,
-}
-
-/// What came of it.
-#[derive(Default)]
-pub struct Outcome {
+    /// Something came of it.
+    is_done: bool,
+    /// What to send.
     message: Option<UnitMessage>,
     /// What runs from now on.
     table: Option<Result<Table<'static>, TableError>>,
 }
 
-impl Outcome {
-    const fn is_there(&self) -> bool {
-        self.message.is_some() || self.table.is_some()
+/// Everything between the line and a decision.
+pub struct Slots {
+    serial: Serial,
+    session: &'static mut Session<'static>,
+    slot_timer: SlotTimer,
+    stopwatch: Stopwatch,
+    watchdog: Watchdog,
+}
+
+impl Slots {
+    /// The line fell idle, or the work below is done.
+    fn line(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+        self.serial.interrupt();
+        if exchange.lock(|exchange| core::mem::take(&mut exchange.is_done)) {
+            self.take_outcome(exchange);
+        }
+        if self.take_all(exchange) {
+            self.slot_decided(exchange);
+        }
+        if self.slot_timer.has_run() {
+            self.watchdog.feed();
+        }
+    }
+
+    /// A tick is over. Most find nothing to do, and take no more than that.
+    fn tick(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+        self.slot_timer.tick();
+        // Bytes before ticks: a frame that is complete is not overdue. If it begins a slot, so does a new tick.
+        let mut decided = self.serial.has_received() && self.take_all(exchange);
+        if self.slot_timer.take()
+            && let Some(Request::Answer(message)) = self.session.tick()
+        {
+            decided = true;
+            self.answer(&message);
+        }
+        if decided {
+            self.slot_decided(exchange);
+        }
+        if self.slot_timer.has_run() {
+            self.watchdog.feed();
+        }
+    }
+
+    #[inline(never)]
+    fn slot_decided(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+        self.watchdog.feed();
+        let window = self.session.full_window();
+        exchange.lock(|exchange| {
+            exchange.decided = true;
+            if window.is_some() {
+                exchange.window = window;
+            }
+        });
+    }
+
+    /// All bytes that came to decisions; whether there was one.
+    #[inline(never)]
+    fn take_all(&mut self, exchange: &mut impl Mutex<T = Exchange>) -> bool {
+        let mut decided = false;
+        while self.serial.has_received() {
+            let bytes = self.serial.received();
+            decided |= self.take(bytes, exchange);
+        }
+        decided
+    }
+
+    /// Takes over what was done below.
+    #[inline(never)]
+    fn take_outcome(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+        let (message, table) = exchange.lock(|exchange| (exchange.message.take(), exchange.table.take()));
+        if let Some(table) = table {
+            self.session.run_table(table);
+        }
+        if let Some(message) = message {
+            self.serial.send(&message);
+        }
+    }
+
+    fn take(&mut self, mut bytes: &[u8], exchange: &mut impl Mutex<T = Exchange>) -> bool {
+        let start = self.stopwatch.now();
+        let mut decided = false;
+        while !bytes.is_empty() {
+            let request = self.session.take(&mut bytes);
+            if let Some(tick_microseconds) = self.session.timer_restart() {
+                self.slot_timer.restart(tick_microseconds);
+            }
+            match request {
+                None => {}
+                Some(Request::Answer(message)) => {
+                    self.answer(&message);
+                    if let UnitMessage::Decision(_) = message {
+                        decided = true;
+                        self.stopwatch.answered(start);
+                    }
+                }
+                Some(Request::Update(step)) => {
+                    let busy = exchange.lock(|exchange| {
+                        let busy = exchange.job.is_some();
+                        exchange.job.get_or_insert(Job::Update(step));
+                        busy
+                    });
+                    if busy {
+                        self.serial.send(&UnitMessage::Update(UpdateAnswer::Busy));
+                    }
+                }
+                // A busy unit does not answer, and is asked again.
+                Some(Request::Status(counters)) => exchange.lock(|exchange| {
+                    exchange.job.get_or_insert(Job::Status(counters));
+                }),
+            }
+        }
+        decided
+    }
+
+    #[inline(never)]
+    fn answer(&mut self, message: &UnitMessage) {
+        self.serial.send(message);
+        log::decided(
+            self.session.telemetry(),
+            self.session.unit().last_slot().map_or(0, |slot| slot.0),
+        );
     }
 }
 
@@ -131,29 +247,24 @@ fn session(identity: [u32; 3], clock: ClockSource) -> Option<&'static mut Sessio
 #[rtic::app(device = stm32f4::stm32f405, peripherals = true)]
 mod app {
     use super::*;
+    use core::sync::atomic::AtomicU8;
     use stm32f4::stm32f405::Interrupt;
 
     #[shared]
     struct Shared {
-        work: Work,
-        outcome: Outcome,
+        #[lock_free]
+        slots: Slots,
+        exchange: Exchange,
     }
 
     #[local]
     struct Local {
-        serial: Serial,
-        received: Consumer<'static, u8>,
-        to_send: Producer<'static, u8>,
-        session: &'static mut Session<'static>,
-        slot_timer: SlotTimer,
-        stopwatch: Stopwatch,
-        watchdog: Watchdog,
         store: TableStore<Flash>,
         images: Images,
         start: Start,
     }
 
-    #[init(local = [bytes_in: Received = Received::new(), bytes_out: ToSend = ToSend::new()])]
+    #[init(local = [received: Received = [const { AtomicU8::new(0) }; RECEIVED], to_send: ToSend = [0; _]])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::clear();
         let device = cx.device;
@@ -181,33 +292,34 @@ mod app {
         session.run_table(running_table(&mut store));
         let stopwatch = Stopwatch::start(device.TIM2, &device.RCC, clocks);
         let slot_timer = SlotTimer::start(cx.core.SYST, clocks, session.clock().tick_microseconds());
-        let (into_received, received) = cx.local.bytes_in.split();
-        let (to_send, from_to_send) = cx.local.bytes_out.split();
         let serial = Serial::start(
             device.USART1,
-            into_received,
-            from_to_send,
+            device.DMA2,
+            cx.local.received,
+            cx.local.to_send,
             &device.GPIOA,
             &device.RCC,
             clocks,
         );
         (
             Shared {
-                work: Work {
+                slots: Slots {
+                    serial,
+                    session,
+                    slot_timer,
+                    stopwatch,
+                    watchdog,
+                },
+                exchange: Exchange {
                     job: None,
                     window: None,
                     decided: false,
+                    is_done: false,
+                    message: None,
+                    table: None,
                 },
-                outcome: Outcome::default(),
             },
             Local {
-                serial,
-                received,
-                to_send,
-                session,
-                slot_timer,
-                stopwatch,
-                watchdog,
                 store,
                 images: Images::boot(),
                 start: Start {
@@ -218,114 +330,32 @@ mod app {
         )
     }
 
-    #[task(binds = USART1, priority = 3, local = [serial])]
-    fn line(cx: line::Context) {
-        if cx.local.serial.service() {
-            rtic::pend(Interrupt::EXTI0);
-        }
+    #[task(binds = USART1, priority = 1, shared = [slots, exchange])]
+    fn line(mut cx: line::Context) {
+        cx.shared.slots.line(&mut cx.shared.exchange);
     }
 
-    #[task(binds = SysTick, priority = 2)]
-    fn tick(_: tick::Context) {
-        slot_timer::tick();
-        rtic::pend(Interrupt::EXTI0);
+    #[task(binds = SysTick, priority = 1, shared = [slots, exchange])]
+    fn tick(mut cx: tick::Context) {
+        cx.shared.slots.tick(&mut cx.shared.exchange);
     }
 
-    #[task(
-        binds = EXTI0, priority = 1,
-        local = [received, to_send, session, slot_timer, stopwatch, watchdog],
-        shared = [work, outcome],
-    )]
-    fn decide(mut cx: decide::Context) {
-        let (session, slot_timer, stopwatch) = (cx.local.session, cx.local.slot_timer, cx.local.stopwatch);
-        let (received, to_send) = (cx.local.received, cx.local.to_send);
-        let mut send = |message: &UnitMessage| {
-            if let Ok(frame) = encode(message) {
-                serial::queue(to_send, &frame);
-                rtic::pend(Interrupt::USART1);
-            }
-        };
-
-        let mut decided = false;
-        // Looked at before it is taken: a whole table would be moved in every round.
-        if cx.shared.outcome.lock(|outcome| outcome.is_there()) {
-            let Outcome { message, table } = cx.shared.outcome.lock(core::mem::take);
-            if let Some(table) = table {
-                session.run_table(table);
-            }
-            if let Some(message) = message {
-                send(&message);
-            }
-        }
-        // Bytes before ticks: a frame that is complete is not overdue.
-        while let Some(byte) = received.dequeue() {
-            let start = stopwatch.now();
-            let request = session.byte(byte);
-            if let Some(tick_microseconds) = session.timer_restart() {
-                slot_timer.restart(tick_microseconds);
-            }
-            match request {
-                None => {}
-                Some(Request::Answer(message)) => {
-                    decided = true;
-                    send(&message);
-                    stopwatch.answered(start);
-                    log::decided(
-                        session.telemetry(),
-                        session.unit().last_slot().map_or(0, |slot| slot.0),
-                    );
-                }
-                Some(Request::Update(step)) => {
-                    let busy = cx.shared.work.lock(|work| {
-                        let busy = work.job.is_some();
-                        work.job.get_or_insert(Job::Update(step));
-                        busy
-                    });
-                    if busy {
-                        send(&UnitMessage::Update(UpdateAnswer::Busy));
-                    }
-                }
-                // A busy unit does not answer, and is asked again.
-                Some(Request::Status(counters)) => cx.shared.work.lock(|work| {
-                    work.job.get_or_insert(Job::Status(counters));
-                }),
-            }
-        }
-        let ticks = slot_timer.take();
-        for _ in 0..ticks {
-            if let Some(Request::Answer(message)) = session.tick() {
-                decided = true;
-                send(&message);
-                log::decided(
-                    session.telemetry(),
-                    session.unit().last_slot().map_or(0, |slot| slot.0),
-                );
-            }
-        }
-        if decided {
-            cx.shared.work.lock(|work| work.decided = true);
-            if let Some(window) = session.full_window() {
-                cx.shared.work.lock(|work| work.window = Some(window));
-            }
-        }
-        if slot_timer.has_run() || decided {
-            cx.local.watchdog.feed();
-        }
-    }
-
-    #[idle(local = [store, images, start], shared = [work, outcome])]
+    #[idle(local = [store, images, start], shared = [exchange])]
     fn idle(mut cx: idle::Context) -> ! {
         let (store, images, start) = (cx.local.store, cx.local.images, cx.local.start);
         loop {
-            let (job, window, decided) = cx.shared.work.lock(|work| {
-                let decided = core::mem::take(&mut work.decided);
-                (work.job, work.window.take(), decided)
+            let (job, window, decided) = cx.shared.exchange.lock(|exchange| {
+                let decided = core::mem::take(&mut exchange.decided);
+                (exchange.job, exchange.window.take(), decided)
             });
             if job.is_none() && window.is_none() && !decided {
                 // A task between the test and the instruction would be slept through. With interrupts off it stays pending, and
                 // that ends WFI (ARMv7-M Architecture Reference Manual, "Wait For Interrupt").
                 cortex_m::interrupt::free(|_| {
-                    let idle = cx.shared.work.lock(|work| work.job.is_none() && !work.decided);
+                    let idle = cx
+                        .shared
+                        .exchange
+                        .lock(|exchange| exchange.job.is_none() && !exchange.decided);
                     if idle {
                         cortex_m::asm::wfi();
                     }
@@ -353,13 +383,15 @@ mod app {
             if message.is_none() && table.is_none() {
                 continue;
             }
-            cx.shared
-                .outcome
-                .lock(|outcome| *outcome = Outcome { message, table });
-            if job.is_some() {
-                cx.shared.work.lock(|work| work.job = None);
-            }
-            rtic::pend(Interrupt::EXTI0);
+            cx.shared.exchange.lock(|exchange| {
+                exchange.message = message;
+                exchange.table = table;
+                exchange.is_done = true;
+                if job.is_some() {
+                    exchange.job = None;
+                }
+            });
+            rtic::pend(Interrupt::USART1);
         }
     }
 }

@@ -1,12 +1,8 @@
 //! The ticks of the slot clock: SysTick, which the core has and an emulator too. It fires whatever the modem does.
 
 use super::clocks::Clocks;
-use core::sync::atomic::{AtomicU32, Ordering};
-use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
-
-/// Ticks that the decision task has not seen yet.
-static TICKS: AtomicU32 = AtomicU32::new(0);
+use cortex_m::peripheral::{SCB, SYST};
 
 /// What SysTick can count.
 const MAX_RELOAD: u32 = 0x00ff_ffff;
@@ -15,6 +11,8 @@ const MAX_RELOAD: u32 = 0x00ff_ffff;
 pub struct SlotTimer {
     timer: SYST,
     steps_per_microsecond: u32,
+    /// A tick that nobody has taken yet.
+    ticked: bool,
     /// Steps that passed in ticks, whole ones and those that a restart cut off.
     passed: u32,
 }
@@ -27,6 +25,7 @@ impl SlotTimer {
         let mut timer = Self {
             timer,
             steps_per_microsecond: clocks.core_hz() / 1_000_000,
+            ticked: false,
             passed: 0,
         };
         timer.restart(tick_microseconds);
@@ -34,9 +33,14 @@ impl SlotTimer {
         timer
     }
 
-    /// Begins a tick of this length now, and forgets those before.
+    /// Begins a tick of this length now, and forgets the one before.
     pub fn restart(&mut self, tick_microseconds: u32) {
-        let _ = self.take();
+        // It may be over while another interrupt is served, and would count as one of the new length.
+        if SCB::is_pendst_pending() {
+            self.tick();
+            SCB::clear_pendst();
+        }
+        self.ticked = false;
         let cut_off = SYST::get_reload().saturating_sub(SYST::get_current());
         self.passed = self.passed.saturating_add(cut_off);
         let steps = tick_microseconds.saturating_mul(self.steps_per_microsecond);
@@ -44,13 +48,15 @@ impl SlotTimer {
         self.timer.clear_current();
     }
 
-    /// Ticks since the last call.
-    pub fn take(&mut self) -> u32 {
-        let ticks = TICKS.swap(0, Ordering::Relaxed);
-        self.passed = self
-            .passed
-            .saturating_add(ticks.saturating_mul(SYST::get_reload()));
-        ticks
+    /// A tick is over; for the interrupt.
+    pub fn tick(&mut self) {
+        self.ticked = true;
+        self.passed = self.passed.saturating_add(SYST::get_reload());
+    }
+
+    /// Whether a tick was over since the last call.
+    pub fn take(&mut self) -> bool {
+        core::mem::take(&mut self.ticked)
     }
 
     /// Whether it ran for a tick since this was true last. Restarts cannot hold that off, however often they come.
@@ -61,9 +67,4 @@ impl SlotTimer {
         }
         has_run
     }
-}
-
-/// Counts one tick; for the interrupt.
-pub fn tick() {
-    TICKS.fetch_add(1, Ordering::Relaxed);
 }

@@ -5,7 +5,7 @@ use super::clocks::Clocks;
 use core::sync::atomic::{AtomicU32, Ordering};
 use stm32f4::stm32f405::{RCC, TIM2};
 
-/// What is left of a 1 ms slot when its frame, of 8 sub-channels, and its answer have taken 0.55 ms on the line ([`super::serial`]).
+/// What is left of a 1 ms slot when its frame, of 16 sub-channels, and its answer have taken 0.55 ms on the line ([`super::serial`]).
 const DEADLINE_MICROSECONDS: u32 = 450;
 
 /// The costs since the start, where a debugger finds them by name. In steps of TIM2.

@@ -1,28 +1,30 @@
 //! What the frames say.
 
-use super::{LinkError, StatusFrame};
+use super::{LinkError, MeasurementFrame, StatusFrame, measurement};
 use crate::decision::{Decision, POWER_CEILING};
-use crate::measurement::{Broadcast, Measurement, MeasurementError, Place, Readings};
-use crate::ring::{Open, Ring};
 use crate::table::CHECKSUM;
-use crate::unit::{Event, Report, Silence, State};
-use crate::units::{Dbm, Level, MAX_SUB_CHANNELS, SlotIndex, SubChannel, SubChannels, Weight};
+use crate::unit::{Report, Silence, State};
+use crate::units::{Dbm, MAX_SUB_CHANNELS, SubChannel};
 use heapless::Vec;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Room for any frame on the wire with its delimiter. The longest measurement, of [`MAX_SUB_CHANNELS`], takes 139 bytes: 133 of fields, 4
-/// of checksum, one of byte stuffing, the delimiter; one of 3 sub-channels at most 61, the longest chunk of an update 45, the longest
-/// decision 18.
-pub const MAX_FRAME: usize = 140;
+/// Room for any frame on the wire with its delimiter. The longest measurement, of [`MAX_SUB_CHANNELS`], takes 95 bytes: 89 of fields, 4
+/// of checksum, one of byte stuffing, the delimiter; one of 3 sub-channels 43, the longest chunk of an update 45, the longest status 80, a
+/// decision 15.
+pub const MAX_FRAME: usize = 96;
+
+/// The version of all frames, raised with each change. A unit tells it to whoever says hello; that question and its answer never change.
+pub const PROTOCOL: u8 = 2;
 
 /// Bytes of a package in one frame: the largest word that a flash writes at once ([`WORD`](crate::table_store::WORD)).
 pub const CHUNK_LEN: usize = 32;
 
-/// From the modem: one of the first two once a slot, the others now and then.
+/// From the modem: a measurement or a miss once a slot, the others now and then.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ModemFrame {
-    /// The slot's readings.
-    Measurement(MeasurementFrame),
+    /// Asks for the unit's [`PROTOCOL`].
+    Hello,
     /// A slot in which the modem could not measure.
     Missed {
         /// The slot's index.
@@ -44,6 +46,9 @@ pub enum ModemFrame {
     },
     /// Asks for a [`StatusFrame`].
     Status,
+    /// The slot's readings. The last, since its layout is its own.
+    #[serde(skip)]
+    Measurement(MeasurementFrame),
 }
 
 /// One step of an update, of the table or of the image. Every step has an [`UpdateAnswer`], and the modem waits for it before the next.
@@ -124,51 +129,35 @@ pub enum Refusal {
 /// From the unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum UnitMessage {
-    /// A slot's decision.
-    Decision(UnitFrame),
+    /// Which frames the unit speaks.
+    Hello {
+        /// Its [`PROTOCOL`].
+        protocol: u8,
+    },
     /// What became of a step of a table update.
     Update(UpdateAnswer),
     /// How the unit is.
     Status(StatusFrame),
+    /// A slot's decision. The last, since its layout is its own.
+    #[serde(skip)]
+    Decision(UnitFrame),
 }
 
 /// One level for every sub-channel, in 1/256 dB over noise.
 pub type Levels = Vec<i16, MAX_SUB_CHANNELS>;
 
-/// A slot's readings as they are sent; [`Readings`] says what they mean.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct MeasurementFrame {
-    /// Index of the slot to be decided.
-    pub slot: u32,
-    /// Levels at full power: as many as the cell has sub-channels.
-    pub gain: Levels,
-    /// Noise plus interference of the slot before.
-    pub interference: Levels,
-    /// The latest acknowledged slot. A modem may leave it out once it is 65,535 slots old, since ages saturate there, and must
-    /// before it is 2^31 slots old, from where it would lie in the future.
-    pub last_acknowledged: Option<u32>,
-    /// The vehicle's place in the ring, and whether it was handed out.
-    pub place: Option<(u16, bool)>,
-    /// Whether an acknowledgement may be under way.
-    pub awaits_acknowledgement: bool,
-    /// Places of the ring.
-    pub places: u16,
-    /// Sub-channels that are open in this slot ([`Open`]).
-    pub open: u16,
-    /// Least priority with which to contend in it.
-    pub threshold: u32,
-    /// What the sub-channels that vehicles like are drawn with.
-    pub salt: u8,
-    /// Whether gains still hold when they are used.
-    pub gains_hold: bool,
-    /// What the vehicle's age is weighed with, in 1/32.
-    pub weight: u8,
-    /// The most that vehicles may send with, in 1/256 dBm.
-    pub max_power: i16,
-}
-
 /// A slot's decision, once a slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+///
+/// # Layout
+///
+/// | byte | bytes | field |
+/// |---|---|---|
+/// | 0 | 1 | 3, this kind of message |
+/// | 1 | 4 | slot, little-endian |
+/// | 5 | 1 | sub-channel, 255 for silence |
+/// | 6 | 2 | power, little-endian and two's complement; 0 for silence |
+/// | 8 | 1 | state |
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnitFrame {
     /// The decided slot.
     pub slot: u32,
@@ -176,80 +165,6 @@ pub struct UnitFrame {
     pub transmit: Option<(u8, i16)>,
     /// [`State`]: 0 nominal, 1 degraded, 2 silent without a table, 3 silent without a measurement.
     pub state: u8,
-}
-
-impl ModemFrame {
-    /// The event that the frame reports, or the first reading that cannot be; `None` if it reports no slot.
-    pub fn event(&self) -> Option<Result<Event, MeasurementError>> {
-        match self {
-            Self::Missed { slot } => Some(Ok(Event::Missed(SlotIndex(*slot)))),
-            Self::Measurement(frame) => Some(frame.measurement().map(Event::Measured)),
-            Self::SlotLength { .. } | Self::Update(_) | Self::Identity { .. } | Self::Status => None,
-        }
-    }
-}
-
-impl MeasurementFrame {
-    /// The checked measurement.
-    ///
-    /// # Errors
-    /// The first reading that cannot be.
-    pub fn measurement(&self) -> Result<Measurement, MeasurementError> {
-        let ring = SubChannels::new(self.gain.len())
-            .and_then(|sub_channels| Ring::new(self.places, sub_channels))
-            .ok_or(MeasurementError::Ring {
-                places: self.places,
-                sub_channels: self.gain.len() as u8,
-            })?;
-        Measurement::new(&Readings {
-            slot: SlotIndex(self.slot),
-            gain: &levels(&self.gain),
-            interference: &levels(&self.interference),
-            last_acknowledged: self.last_acknowledged.map(SlotIndex),
-            place: self.place.map(|(index, assigned)| Place { index, assigned }),
-            weight: Weight(self.weight),
-            awaits_acknowledgement: self.awaits_acknowledgement,
-            broadcast: Broadcast {
-                ring,
-                open: Open(self.open),
-                threshold: self.threshold,
-                salt: self.salt,
-                gains_hold: self.gains_hold,
-                max_power: Dbm::from_bits(self.max_power),
-            },
-        })
-    }
-}
-
-/// Pushed one by one, since collecting could panic as far as the compiler knows.
-fn levels(bits: &Levels) -> Vec<Level, MAX_SUB_CHANNELS> {
-    let mut levels = Vec::new();
-    for &bits in bits {
-        let _ = levels.push(Level::from_bits(bits));
-    }
-    levels
-}
-
-impl From<&Measurement> for MeasurementFrame {
-    fn from(measurement: &Measurement) -> Self {
-        let broadcast = measurement.broadcast();
-        let bits = |levels: &[Level]| levels.iter().map(|level| level.to_bits()).collect();
-        Self {
-            slot: measurement.slot().0,
-            gain: bits(measurement.gain()),
-            interference: bits(measurement.interference()),
-            last_acknowledged: measurement.last_acknowledged().map(|slot| slot.0),
-            place: measurement.place().map(|place| (place.index, place.assigned)),
-            awaits_acknowledgement: measurement.awaits_acknowledgement(),
-            places: broadcast.ring.places(),
-            open: broadcast.open.0,
-            threshold: broadcast.threshold,
-            salt: broadcast.salt,
-            gains_hold: broadcast.gains_hold,
-            weight: measurement.weight().0,
-            max_power: broadcast.max_power.to_bits(),
-        }
-    }
 }
 
 impl From<&Report> for UnitFrame {
@@ -272,7 +187,24 @@ impl From<&Report> for UnitFrame {
     }
 }
 
+/// The kind of message, in its first byte.
+const DECISION_KIND: u8 = 3;
+/// Bytes of a decision.
+const DECISION: usize = 9;
+/// In place of a sub-channel.
+const SILENCE: u8 = u8::MAX;
+
 impl UnitFrame {
+    const fn layout(&self) -> [u8; DECISION] {
+        let (sub_channel, power) = match self.transmit {
+            Some(transmit) => transmit,
+            None => (SILENCE, 0),
+        };
+        let [s0, s1, s2, s3] = self.slot.to_le_bytes();
+        let [p0, p1] = power.to_le_bytes();
+        [DECISION_KIND, s0, s1, s2, s3, sub_channel, p0, p1, self.state]
+    }
+
     /// The decision, or `None` for a sub-channel that does not exist.
     pub fn decision(&self) -> Option<Decision> {
         match self.transmit {
@@ -285,17 +217,92 @@ impl UnitFrame {
     }
 }
 
+/// What goes over the line.
+pub trait Frame: Sized {
+    /// Writes the fields. Their length, or `None` if they do not fit.
+    fn write(&self, room: &mut [u8]) -> Option<usize>;
+
+    /// The frame of these fields, if they are one's.
+    fn read(fields: &[u8]) -> Option<Self>;
+}
+
+impl Frame for ModemFrame {
+    fn write(&self, room: &mut [u8]) -> Option<usize> {
+        match self {
+            Self::Measurement(measurement) => measurement.write(room),
+            _ => write(self, room),
+        }
+    }
+
+    #[inline(always)]
+    fn read(fields: &[u8]) -> Option<Self> {
+        match fields.first() {
+            Some(&measurement::KIND) => MeasurementFrame::read(fields).map(Self::Measurement),
+            _ => read(fields),
+        }
+    }
+}
+
+impl Frame for UnitMessage {
+    #[inline(always)]
+    fn write(&self, room: &mut [u8]) -> Option<usize> {
+        match self {
+            Self::Decision(decision) => {
+                *room.first_chunk_mut()? = decision.layout();
+                Some(DECISION)
+            }
+            _ => write(self, room),
+        }
+    }
+
+    fn read(fields: &[u8]) -> Option<Self> {
+        match *fields {
+            [DECISION_KIND, s0, s1, s2, s3, sub_channel, p0, p1, state] => {
+                let slot = u32::from_le_bytes([s0, s1, s2, s3]);
+                let power = i16::from_le_bytes([p0, p1]);
+                let transmit = (sub_channel != SILENCE).then_some((sub_channel, power));
+                Some(Self::Decision(UnitFrame {
+                    slot,
+                    transmit,
+                    state,
+                }))
+            }
+            _ => read(fields),
+        }
+    }
+}
+
+fn write(frame: &impl Serialize, room: &mut [u8]) -> Option<usize> {
+    Some(postcard::to_slice(frame, room).ok()?.len())
+}
+
+fn read<T: DeserializeOwned>(fields: &[u8]) -> Option<T> {
+    // Bytes behind the fields belong to no frame.
+    postcard::take_from_bytes(fields)
+        .ok()
+        .and_then(|(frame, rest)| rest.is_empty().then_some(frame))
+}
+
 /// A frame as it goes over the wire, delimiter included.
 ///
 /// # Errors
 /// [`LinkError::Encoding`] if the frame does not fit [`MAX_FRAME`]; no frame of this module is that long.
-pub fn encode<T: Serialize>(frame: &T) -> Result<Vec<u8, MAX_FRAME>, LinkError> {
-    // A place before the fields for the length of the first block.
+pub fn encode<T: Frame>(frame: &T) -> Result<Vec<u8, MAX_FRAME>, LinkError> {
     let mut wire = [0; MAX_FRAME];
-    let (_, room) = wire.split_at_mut(1);
-    let length = postcard::to_slice(frame, room)
-        .map_err(|_| LinkError::Encoding)?
-        .len();
+    let length = encode_into(frame, &mut wire)?;
+    let wire = wire.get(..length).ok_or(LinkError::Encoding)?;
+    Vec::from_slice(wire).map_err(|_| LinkError::Encoding)
+}
+
+/// The same into memory that is there. Gives the length.
+///
+/// # Errors
+/// [`LinkError::Encoding`] if the frame does not fit.
+pub fn encode_into<T: Frame>(frame: &T, wire: &mut [u8]) -> Result<usize, LinkError> {
+    // A place before the fields for the length of the first block.
+    let (first, room) = wire.split_first_mut().ok_or(LinkError::Encoding)?;
+    *first = 0;
+    let length = frame.write(room).ok_or(LinkError::Encoding)?;
     let (fields, rest) = room.split_at_mut_checked(length).ok_or(LinkError::Encoding)?;
     *rest.first_chunk_mut().ok_or(LinkError::Encoding)? = CHECKSUM.checksum(fields).to_le_bytes();
     let length = length.saturating_add(5);
@@ -312,6 +319,5 @@ pub fn encode<T: Serialize>(frame: &T) -> Result<Vec<u8, MAX_FRAME>, LinkError> 
     }
     // The delimiter.
     *rest.first_mut().ok_or(LinkError::Encoding)? = 0;
-    let wire = wire.get(..=length).ok_or(LinkError::Encoding)?;
-    Vec::from_slice(wire).map_err(|_| LinkError::Encoding)
+    Ok(length.saturating_add(1))
 }

@@ -1,9 +1,7 @@
 //! Bytes to frames.
 
-use super::MAX_FRAME;
+use super::{Frame, MAX_FRAME};
 use crate::table::CHECKSUM;
-use heapless::Vec;
-use serde::de::DeserializeOwned;
 
 /// Why bytes are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,43 +33,94 @@ impl core::error::Error for LinkError {}
 
 /// Collects bytes until a delimiter and decodes what came before it. A damaged frame costs itself only: the next
 /// delimiter starts anew.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Receiver {
-    bytes: Vec<u8, MAX_FRAME>,
+    bytes: [u8; MAX_FRAME],
+    length: usize,
     overflowed: bool,
 }
 
-impl Receiver {
-    /// Takes one byte. `None` while a frame is incomplete and for an empty frame.
-    pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<T, LinkError>> {
-        if byte != 0 {
-            self.overflowed |= self.bytes.push(byte).is_err();
-            return None;
-        }
-        let outcome = if self.overflowed {
-            Some(Err(LinkError::TooLong))
-        } else if self.bytes.is_empty() {
-            None
-        } else {
-            Some(decode(&mut self.bytes))
-        };
-        self.bytes.clear();
-        self.overflowed = false;
-        outcome
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
-fn decode<T: DeserializeOwned>(wire: &mut [u8]) -> Result<T, LinkError> {
+impl Receiver {
+    /// Before the first byte.
+    pub const fn new() -> Self {
+        Self {
+            bytes: [0; MAX_FRAME],
+            length: 0,
+            overflowed: false,
+        }
+    }
+
+    /// Takes one byte. `None` while a frame is incomplete and for an empty frame.
+    pub fn push<T: Frame>(&mut self, byte: u8) -> Option<Result<T, LinkError>> {
+        let fields = self.take(&mut &[byte][..])?;
+        Some(fields.and_then(|fields| T::read(fields).ok_or(LinkError::Contents)))
+    }
+
+    /// Takes bytes from the front of `bytes`, up to the end of a frame or all of them, and gives the frame's fields. `None` while a frame is
+    /// incomplete and for an empty frame.
+    pub fn take(&mut self, bytes: &mut &[u8]) -> Option<Result<&[u8], LinkError>> {
+        let room = self.bytes.get_mut(self.length..).unwrap_or_default();
+        let copied = copy_to_zero(bytes, room);
+        self.length = self.length.saturating_add(copied);
+        let mut rest = bytes.get(copied..).unwrap_or_default();
+        if rest.first().is_some_and(|&byte| byte != 0) {
+            self.overflowed = true;
+            let end = rest.iter().position(|&byte| byte == 0).unwrap_or(rest.len());
+            rest = rest.get(end..).unwrap_or_default();
+        }
+        let delimiter;
+        (delimiter, *bytes) = rest.split_at_checked(1).unwrap_or_default();
+        if delimiter.is_empty() {
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if core::mem::take(&mut self.overflowed) {
+            return Some(Err(LinkError::TooLong));
+        }
+        let wire = self.bytes.get_mut(..length).filter(|wire| !wire.is_empty())?;
+        Some(checked(wire))
+    }
+}
+
+/// Copies bytes up to the first zero, the end, or as long as there is room, and says how many; four at a time as far as that goes.
+fn copy_to_zero(bytes: &[u8], room: &mut [u8]) -> usize {
+    let mut copied = 0_usize;
+    let (words, _) = bytes.as_chunks::<4>();
+    for (&word, place) in words.iter().zip(room.as_chunks_mut().0) {
+        // A byte that is 0 borrows, and had no highest bit to begin with.
+        let number = u32::from_le_bytes(word);
+        if number.wrapping_sub(0x0101_0101) & !number & 0x8080_8080 != 0 {
+            break;
+        }
+        *place = word;
+        copied = copied.wrapping_add(4);
+    }
+    let rest = bytes.get(copied..).unwrap_or_default();
+    let room = room.get_mut(copied..).unwrap_or_default();
+    for (&byte, place) in rest.iter().zip(room) {
+        if byte == 0 {
+            break;
+        }
+        *place = byte;
+        copied = copied.wrapping_add(1);
+    }
+    copied
+}
+
+/// The fields, if their checksum is right.
+fn checked(wire: &mut [u8]) -> Result<&[u8], LinkError> {
     let (fields, checksum) = unstuff(wire)?.split_last_chunk().ok_or(LinkError::Contents)?;
     // The checksum at once and not byte by byte as fields are read, which takes three times as long.
     if CHECKSUM.checksum(fields) != u32::from_le_bytes(*checksum) {
         return Err(LinkError::Contents);
     }
-    match postcard::take_from_bytes(fields) {
-        // Bytes behind the fields belong to no frame.
-        Ok((frame, [])) => Ok(frame),
-        _ => Err(LinkError::Contents),
-    }
+    Ok(fields)
 }
 
 /// Undoes the byte stuffing in place. Every block begins with its length, where a zero was; none is as long as COBS's longest, behind

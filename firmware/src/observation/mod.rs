@@ -44,8 +44,8 @@ impl Observation {
         let broadcast = measurement.broadcast();
         Self::seen(
             measurement.slot(),
-            measurement.gain(),
-            measurement.interference(),
+            measurement.all_gains(),
+            measurement.all_interferences(),
             measurement.age(),
             measurement.place(),
             measurement.weight(),
@@ -64,12 +64,14 @@ impl Observation {
         broadcast: &Broadcast,
         identity: Identity,
     ) -> Self {
-        let gain = [level; MAX_SUB_CHANNELS];
-        let gain = gain.get(..broadcast.ring.sub_channels().count()).unwrap_or(&gain);
+        let mut gain = [Level::ZERO; MAX_SUB_CHANNELS];
+        for gain in gain.iter_mut().take(broadcast.ring.sub_channels().count()) {
+            *gain = level;
+        }
         Self::seen(
             slot,
-            gain,
-            &[],
+            &gain,
+            &[Level::ZERO; MAX_SUB_CHANNELS],
             age,
             place,
             Weight::ONE,
@@ -86,8 +88,8 @@ impl Observation {
     #[inline(always)]
     fn seen(
         slot: SlotIndex,
-        gain: &[Level],
-        interference: &[Level],
+        gain: &[Level; MAX_SUB_CHANNELS],
+        interference: &[Level; MAX_SUB_CHANNELS],
         age: Age,
         place: Option<Place>,
         weight: Weight,
@@ -103,29 +105,21 @@ impl Observation {
         // Kept from the optimiser, which would make a loop for either case, of different length.
         let gains_hold = core::hint::black_box(i32::from(broadcast.gains_hold));
         let lot = (identity.lot(slot) >> 16) as i32;
-        let mut kept = [Level::ZERO; MAX_SUB_CHANNELS];
         for offset in 0..sub_channels.count() {
             let sub_channel = carrier(offset, hop, sub_channels);
             let level = gain.get(sub_channel).copied().unwrap_or(Level::MIN);
-            let gain = i32::from(level.to_bits());
+            let level = i32::from(level.to_bits());
             let liking = liking(
-                gain,
+                level,
                 gains_hold,
                 lot,
                 i32::from(broadcast.salt),
                 sub_channel as i32,
             );
             let open = broadcast.open.contains(sub_channel);
-            sight = sight.with(sub_channel as i32, next, gain, own, open, liking);
+            sight = sight.with(sub_channel as i32, next, level, own, open, liking);
             let after = next.wrapping_add(1);
             next = if after == places { 0 } else { after };
-            if let Some(kept) = kept.get_mut(sub_channel) {
-                *kept = level;
-            }
-        }
-        let mut noise = [Level::ZERO; MAX_SUB_CHANNELS];
-        for (noise, &level) in noise.iter_mut().zip(interference) {
-            *noise = level;
         }
         Self {
             age,
@@ -146,8 +140,8 @@ impl Observation {
                 sight,
             },
             max_power: broadcast.max_power,
-            gain: kept,
-            interference: noise,
+            gain: *gain,
+            interference: *interference,
         }
     }
 

@@ -2,13 +2,11 @@
 
 use super::{SlotFlash, TableStore};
 use crate::table::CHECKSUM;
-use crc::{Crc, Digest, Table};
+use crc::{Digest, Table};
 
 /// Bytes that one call reads (chosen): the longest table then takes 84 calls, one of 3 KB 16. With a call a slot of 1 ms damage is found
 /// within twice as many: it may lie just behind the reading's place.
 pub const PIECE: usize = 192;
-
-static CRC: Crc<u32> = CHECKSUM;
 
 /// How far the present reading has come.
 #[derive(Clone)]
@@ -22,7 +20,7 @@ impl Check {
     pub const fn new() -> Self {
         Self {
             at: 0,
-            digest: CRC.digest(),
+            digest: CHECKSUM.digest(),
         }
     }
 
