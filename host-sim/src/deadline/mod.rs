@@ -3,6 +3,7 @@
 pub mod cycles;
 mod emulator;
 pub mod network;
+pub mod whole_slot;
 
 use crate::image::{Footprint, Image, build};
 use firmware::link::{Levels, MeasurementFrame, ModemFrame};
@@ -13,6 +14,7 @@ use network::PackedNetwork;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 use std::path::Path;
+use whole_slot::WholeSlot;
 
 /// First word of a job for the measuring image.
 const MAGIC: [u8; 4] = *b"FLMJ";
@@ -136,6 +138,8 @@ pub struct Report {
     pub slot: Range,
     /// Modelled cycles of the slot with the most instructions.
     pub slot_cycles: f64,
+    /// A whole slot of the deployed image with its built-in table, every interrupt included, where it could be counted.
+    pub whole_slot: Option<WholeSlot>,
     /// The deployed image.
     pub footprint: Footprint,
     /// The deployed image's stack over some thousand slots.
@@ -156,7 +160,7 @@ const LARGE_SHARE: u32 = 50;
 const MOST_TABLE: usize = (768 << 10) - 64;
 
 /// How many steps [`report`] says before it takes them.
-pub const STEPS: u64 = 5;
+pub const STEPS: u64 = 6;
 
 /// Measures everything, with this table in the slots, and says each step before it takes it.
 ///
@@ -204,9 +208,12 @@ pub fn report(
     step("the stack");
     let footprint = images.deployed.footprint().clone();
     let stack = emulator::stack(images.deployed.path(), &footprint.stack, &frames(extent.seed))?;
+    step("a whole slot");
+    let whole_slot = whole_slot::count(images.deployed.path())?;
     Ok(Report {
         slot_cycles,
         stack,
+        whole_slot,
         stages: stages
             .iter()
             .filter(|stage| stage.name != "slot")
