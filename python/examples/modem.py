@@ -133,6 +133,7 @@ def _option(write: Callable[..., bytes]) -> Callable[..., bytes]:
 
 WRITERS: dict[str, Callable[..., bytes]] = {
     "u8": lambda value: value.to_bytes(1, "little"),
+    "flag": lambda value: bytes([value]),
     "u16": lambda value: _varint(value, 16),
     "u32": lambda value: _varint(value, 32),
     "i16": _i16,

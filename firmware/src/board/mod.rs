@@ -63,7 +63,7 @@ pub enum Job {
 }
 
 /// What passes between the slots and what is done below them.
-pub struct Exchange {
+pub struct Handover {
     /// What there is to do. It stays while it is worked on, which makes the unit busy.
     job: Option<Job>,
     /// How the unit did with its table.
@@ -89,13 +89,13 @@ pub struct Slots {
 
 impl Slots {
     /// The line fell idle, or the work below is done.
-    fn line(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+    fn line(&mut self, handover: &mut impl Mutex<T = Handover>) {
         self.serial.interrupt();
-        if exchange.lock(|exchange| core::mem::take(&mut exchange.is_done)) {
-            self.take_outcome(exchange);
+        if handover.lock(|handover| core::mem::take(&mut handover.is_done)) {
+            self.take_outcome(handover);
         }
-        if self.take_all(exchange) {
-            self.slot_decided(exchange);
+        if self.take_all(handover) {
+            self.slot_decided(handover);
         }
         if self.slot_timer.has_run() {
             self.watchdog.feed();
@@ -103,10 +103,10 @@ impl Slots {
     }
 
     /// A tick is over. Most find nothing to do, and take no more than that.
-    fn tick(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+    fn tick(&mut self, handover: &mut impl Mutex<T = Handover>) {
         self.slot_timer.tick();
         // Bytes before ticks: a frame that is complete is not overdue. If it begins a slot, so does a new tick.
-        let mut decided = self.serial.has_received() && self.take_all(exchange);
+        let mut decided = self.serial.has_received() && self.take_all(handover);
         if self.slot_timer.take()
             && let Some(Request::Answer(message)) = self.session.tick()
         {
@@ -114,7 +114,7 @@ impl Slots {
             self.answer(&message);
         }
         if decided {
-            self.slot_decided(exchange);
+            self.slot_decided(handover);
         }
         if self.slot_timer.has_run() {
             self.watchdog.feed();
@@ -122,32 +122,32 @@ impl Slots {
     }
 
     #[inline(never)]
-    fn slot_decided(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
+    fn slot_decided(&mut self, handover: &mut impl Mutex<T = Handover>) {
         self.watchdog.feed();
         let window = self.session.full_window();
-        exchange.lock(|exchange| {
-            exchange.decided = true;
+        handover.lock(|handover| {
+            handover.decided = true;
             if window.is_some() {
-                exchange.window = window;
+                handover.window = window;
             }
         });
     }
 
     /// All bytes that came to decisions; whether there was one.
     #[inline(never)]
-    fn take_all(&mut self, exchange: &mut impl Mutex<T = Exchange>) -> bool {
+    fn take_all(&mut self, handover: &mut impl Mutex<T = Handover>) -> bool {
         let mut decided = false;
         while self.serial.has_received() {
             let bytes = self.serial.received();
-            decided |= self.take(bytes, exchange);
+            decided |= self.take(bytes, handover);
         }
         decided
     }
 
     /// Takes over what was done below.
     #[inline(never)]
-    fn take_outcome(&mut self, exchange: &mut impl Mutex<T = Exchange>) {
-        let (message, table) = exchange.lock(|exchange| (exchange.message.take(), exchange.table.take()));
+    fn take_outcome(&mut self, handover: &mut impl Mutex<T = Handover>) {
+        let (message, table) = handover.lock(|handover| (handover.message.take(), handover.table.take()));
         if let Some(table) = table {
             self.session.run_table(table);
         }
@@ -156,7 +156,8 @@ impl Slots {
         }
     }
 
-    fn take(&mut self, mut bytes: &[u8], exchange: &mut impl Mutex<T = Exchange>) -> bool {
+    /// These bytes to decisions; whether there was one.
+    fn take(&mut self, mut bytes: &[u8], handover: &mut impl Mutex<T = Handover>) -> bool {
         let start = self.stopwatch.now();
         let mut decided = false;
         while !bytes.is_empty() {
@@ -174,9 +175,9 @@ impl Slots {
                     }
                 }
                 Some(Request::Update(step)) => {
-                    let busy = exchange.lock(|exchange| {
-                        let busy = exchange.job.is_some();
-                        exchange.job.get_or_insert(Job::Update(step));
+                    let busy = handover.lock(|handover| {
+                        let busy = handover.job.is_some();
+                        handover.job.get_or_insert(Job::Update(step));
                         busy
                     });
                     if busy {
@@ -184,8 +185,8 @@ impl Slots {
                     }
                 }
                 // A busy unit does not answer, and is asked again.
-                Some(Request::Status(counters)) => exchange.lock(|exchange| {
-                    exchange.job.get_or_insert(Job::Status(counters));
+                Some(Request::Status(counters)) => handover.lock(|handover| {
+                    handover.job.get_or_insert(Job::Status(counters));
                 }),
             }
         }
@@ -254,7 +255,7 @@ mod app {
     struct Shared {
         #[lock_free]
         slots: Slots,
-        exchange: Exchange,
+        handover: Handover,
     }
 
     #[local]
@@ -310,7 +311,7 @@ mod app {
                     stopwatch,
                     watchdog,
                 },
-                exchange: Exchange {
+                handover: Handover {
                     job: None,
                     window: None,
                     decided: false,
@@ -330,23 +331,23 @@ mod app {
         )
     }
 
-    #[task(binds = USART1, priority = 1, shared = [slots, exchange])]
+    #[task(binds = USART1, priority = 1, shared = [slots, handover])]
     fn line(mut cx: line::Context) {
-        cx.shared.slots.line(&mut cx.shared.exchange);
+        cx.shared.slots.line(&mut cx.shared.handover);
     }
 
-    #[task(binds = SysTick, priority = 1, shared = [slots, exchange])]
+    #[task(binds = SysTick, priority = 1, shared = [slots, handover])]
     fn tick(mut cx: tick::Context) {
-        cx.shared.slots.tick(&mut cx.shared.exchange);
+        cx.shared.slots.tick(&mut cx.shared.handover);
     }
 
-    #[idle(local = [store, images, start], shared = [exchange])]
+    #[idle(local = [store, images, start], shared = [handover])]
     fn idle(mut cx: idle::Context) -> ! {
         let (store, images, start) = (cx.local.store, cx.local.images, cx.local.start);
         loop {
-            let (job, window, decided) = cx.shared.exchange.lock(|exchange| {
-                let decided = core::mem::take(&mut exchange.decided);
-                (exchange.job, exchange.window.take(), decided)
+            let (job, window, decided) = cx.shared.handover.lock(|handover| {
+                let decided = core::mem::take(&mut handover.decided);
+                (handover.job, handover.window.take(), decided)
             });
             if job.is_none() && window.is_none() && !decided {
                 // A task between the test and the instruction would be slept through. With interrupts off it stays pending, and
@@ -354,8 +355,8 @@ mod app {
                 cortex_m::interrupt::free(|_| {
                     let idle = cx
                         .shared
-                        .exchange
-                        .lock(|exchange| exchange.job.is_none() && !exchange.decided);
+                        .handover
+                        .lock(|handover| handover.job.is_none() && !handover.decided);
                     if idle {
                         cortex_m::asm::wfi();
                     }
@@ -383,12 +384,12 @@ mod app {
             if message.is_none() && table.is_none() {
                 continue;
             }
-            cx.shared.exchange.lock(|exchange| {
-                exchange.message = message;
-                exchange.table = table;
-                exchange.is_done = true;
+            cx.shared.handover.lock(|handover| {
+                handover.message = message;
+                handover.table = table;
+                handover.is_done = true;
                 if job.is_some() {
-                    exchange.job = None;
+                    handover.job = None;
                 }
             });
             rtic::pend(Interrupt::USART1);

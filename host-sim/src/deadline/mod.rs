@@ -208,7 +208,7 @@ pub fn report(
     step("the stack");
     let footprint = images.deployed.footprint().clone();
     let stack = emulator::stack(images.deployed.path(), &footprint.stack, &frames(extent.seed))?;
-    step("a whole slot");
+    step("a whole slot, in another emulator");
     let whole_slot = whole_slot::count(images.deployed.path())?;
     Ok(Report {
         slot_cycles,

@@ -27,6 +27,7 @@ pub struct Dense {
     /// For products of two columns.
     pub(super) pairs: Vec<Block<2>>,
     /// For products of four.
+    #[allow(dead_code, reason = "some architectures have none")]
     pub(super) bytes: Vec<Block<4>>,
 }
 
