@@ -1,18 +1,22 @@
 //! Float networks as a file: safetensors with PyTorch's names and shapes.
 //!
 //! `layers.0.weight` is `[outputs, inputs]`; with one network for each vehicle, `vehicles.0.layers.0.weight` and so on. What goes in
-//! and what comes out is metadata.
+//! and what comes out is metadata, and so is a checksum: a damaged weight is no other weight.
 
 use crate::laboratory::actors::{ActorForm, Actors};
-use crate::laboratory::checkpoint::{from_safetensors, to_safetensors};
+use crate::laboratory::checkpoint::{check, checksum, from_safetensors, to_safetensors};
 use crate::laboratory::state::{State, Tensor, Values};
 use crate::network::Network;
 use kit::error::{Error, Result};
+use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Its name in the folder of a run.
 pub const NAME: &str = "actor.safetensors";
+
+/// Where the metadata has the checksum, beside the form's keys.
+const CHECKSUM: &str = "checksum";
 
 /// Reads the networks.
 ///
@@ -47,11 +51,21 @@ pub fn to_bytes(actors: &Actors) -> Result<Vec<u8>> {
             state.put(format!("{name}.bias"), &shape[..1], layer.biases.to_vec());
         }
     }
-    to_safetensors(&state.tensors, &serde_json::json!(actors.form))
+    let mut header = json!(actors.form);
+    header[CHECKSUM] = checksum(&header, &state.tensors).into();
+    to_safetensors(&state.tensors, &header)
 }
 
 fn from_bytes(place: &str, bytes: &[u8]) -> Result<Actors> {
-    let (form, mut tensors): (ActorForm, _) = from_safetensors(place, bytes)?;
+    let (mut header, mut tensors): (Map<String, Value>, _) = from_safetensors(place, bytes)?;
+    let written = header.remove(CHECKSUM);
+    let form: ActorForm = serde_json::from_value(header.into())
+        .map_err(|error| Error::input(place, error, "the metadata of such a file"))?;
+    let written = written.as_ref().and_then(Value::as_u64).ok_or_else(|| {
+        let expected = "a file of this version of the trainer";
+        Error::input(format!("{place}: {CHECKSUM}"), "none", expected)
+    })?;
+    check(place, written, &json!(form), &tensors)?;
     let shared = tensors.contains_key("layers.0.weight");
     let mut networks = Vec::new();
     while let Some(network) = take_network(place, &mut tensors, &prefix(networks.len(), shared))? {
@@ -136,6 +150,33 @@ mod tests {
             let bytes = to_bytes(&actors(count)).unwrap();
             assert_eq!(from_bytes("file", &bytes).unwrap(), actors(count));
         }
+    }
+
+    #[test]
+    fn a_flipped_bit_makes_no_other_actor() {
+        let whole = to_bytes(&actors(2)).unwrap();
+        for byte in 0..whole.len() {
+            let mut damaged = whole.clone();
+            damaged[byte] ^= 1;
+            // Of a number's many digits the last may say nothing.
+            let same = from_bytes("file", &damaged).is_ok_and(|read| read == actors(2));
+            assert!(same || from_bytes("file", &damaged).is_err(), "byte {byte}");
+        }
+        let mut damaged = whole;
+        *damaged.last_mut().unwrap() ^= 1;
+        let message = from_bytes("file", &damaged).unwrap_err().to_string();
+        assert!(message.starts_with("file: checksum: found "), "{message}");
+    }
+
+    #[test]
+    fn a_file_without_a_checksum_is_refused() {
+        let actors = actors(1);
+        let (_, tensors): (Value, _) = from_safetensors("file", &to_bytes(&actors).unwrap()).unwrap();
+        let bytes = to_safetensors(&tensors, &json!(actors.form)).unwrap();
+        assert_eq!(
+            from_bytes("file", &bytes).unwrap_err().to_string(),
+            "file: checksum: found none, expected a file of this version of the trainer"
+        );
     }
 
     #[test]

@@ -23,11 +23,11 @@ struct Header {
     checksum: u64,
 }
 
-/// Of counters and tensors, in the order of their names.
-fn checksum(counters: &Value, tensors: &BTreeMap<String, Tensor>) -> u64 {
+/// CRC-64/XZ of what a file says and of all its tensors, names and little-endian values, in the order of their names.
+pub(crate) fn checksum(said: &Value, tensors: &BTreeMap<String, Tensor>) -> u64 {
     let crc = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = crc.digest();
-    digest.update(counters.to_string().as_bytes());
+    digest.update(said.to_string().as_bytes());
     for (name, tensor) in tensors {
         digest.update(name.as_bytes());
         digest.update(&little_endian(&tensor.values));
@@ -57,17 +57,31 @@ pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
     if let Some((key, found, expected)) = first_difference(&header.run, run) {
         return Err(Error::input(format!("{place}: key {key}"), found, expected));
     }
-    let found = checksum(&header.counters, &tensors);
-    if found != header.checksum {
-        let expected = format!("{:016x}, as it was written", header.checksum);
-        return Err(Error::input(
-            format!("{place}: checksum"),
-            format!("{found:016x}"),
-            expected,
-        ));
-    }
+    check(place, header.checksum, &header.counters, &tensors)?;
     let counters = header.counters;
     Ok(State { tensors, counters })
+}
+
+/// Refuses what is not what was written.
+///
+/// # Errors
+/// If the checksum is another.
+pub(crate) fn check(
+    place: &str,
+    written: u64,
+    said: &Value,
+    tensors: &BTreeMap<String, Tensor>,
+) -> Result<()> {
+    let found = checksum(said, tensors);
+    if found == written {
+        return Ok(());
+    }
+    let expected = format!("{written:016x}, as it was written");
+    Err(Error::input(
+        format!("{place}: checksum"),
+        format!("{found:016x}"),
+        expected,
+    ))
 }
 
 /// Tensors and metadata as the bytes of a safetensors file.
