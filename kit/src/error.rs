@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 /// Most characters of what an input says that errors repeat (chosen: enough to find it).
 const LONGEST_SAID: usize = 400;
 
+/// Most characters of a path: it may come from an input, and systems know no longer ones than a few thousand (chosen).
+const LONGEST_PATH: usize = 1_000;
+
 /// Most characters of what was expected, which may be a list of names (chosen).
 const LONGEST_EXPECTED: usize = 1_000;
 
@@ -28,7 +31,7 @@ pub enum Error {
         expected: String,
     },
     /// A file that cannot be read or written.
-    #[error("{}: {source}", one_line(&path.display().to_string()))]
+    #[error("{}: {source}", shortened(&path.display().to_string(), LONGEST_PATH))]
     File {
         /// Which.
         path: PathBuf,
@@ -109,5 +112,11 @@ mod tests {
         assert!(long.len() < 2_000 && !long.contains('\u{1}'));
         assert!(long.starts_with("f: found (\\u{1}x") && long.contains("x\\u{1}x), expected yyy"));
         assert!(long.contains(" ... "));
+        let path = "folder/".repeat(1_000);
+        let file = Error::file(Path::new(&path), std::io::ErrorKind::NotFound.into()).to_string();
+        assert!(
+            file.len() < 1_100 && file.ends_with("older/: entity not found"),
+            "{file}"
+        );
     }
 }
