@@ -28,6 +28,10 @@ pub struct Link {
     pub toll: f64,
 }
 
+/// Most that 8 J over the capacity may be in Akcelik's function (chosen: roads have a hundredth; from a hundred million on the root in it
+/// has no digit left where nobody drives).
+const SHARPEST_BEND: f64 = 1e4;
+
 /// How a link's travel time grows with its flow. The formulas stand in [`volume_delay`](crate::volume_delay).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum DelayFunction {
@@ -114,6 +118,17 @@ impl Link {
         if congests && self.capacity == 0.0 {
             let expected = format!("a positive number where {reason}");
             return Err(Error::input(format!("{place}: capacity"), 0, expected));
+        }
+        if let DelayFunction::Akcelik { delay_parameter, .. } = function
+            && 8.0 * delay_parameter > SHARPEST_BEND * self.capacity
+        {
+            let most = SHARPEST_BEND / 8.0 * self.capacity;
+            let expected = format!("at most {most}, with a capacity of {}", self.capacity);
+            return Err(Error::input(
+                format!("{place}: Akcelik's J"),
+                delay_parameter,
+                expected,
+            ));
         }
         let fixed_cost = weights.toll * self.toll + weights.distance * self.length;
         let (free, capacity) = (self.free_flow_time, self.capacity);

@@ -163,3 +163,25 @@ fn a_table_that_says_nonsense_is_refused_by_line_and_column() {
         "{failure}"
     );
 }
+
+#[test]
+fn a_bend_too_sharp_for_its_digits_is_refused() {
+    let (network, _) = sioux_falls();
+    let link = &network.links()[0];
+    let akcelik = |delay_parameter| {
+        let function = DelayFunction::Akcelik {
+            delay_parameter,
+            period: 60.0,
+        };
+        link.volume_delay(function, CostWeights::default(), "link 1")
+    };
+    let most = 1e4 / 8.0 * link.capacity;
+    let delay = akcelik(most).unwrap();
+    assert!((delay.cost(0.0) / link.free_flow_time - 1.0).abs() < 1e-3);
+    let message = akcelik(4_294_967_295.0).unwrap_err().to_string();
+    let expected = format!(
+        "link 1: Akcelik's J: found 4294967295, expected at most {most}, with a capacity of {}",
+        link.capacity
+    );
+    assert_eq!(message, expected);
+}
