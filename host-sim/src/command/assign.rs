@@ -7,6 +7,8 @@ mod outputs;
 mod page;
 mod progress;
 
+pub use flow_files::read as read_flows;
+
 use crate::assign::{AssignSource, Assignment, ClassTotals, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
 use crate::report::table::{Column, Table};

@@ -11,6 +11,7 @@ use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::reader::RowIter;
 use parquet::record::{Field, Row};
 use std::fs::File;
+use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
 
 /// Whether a file is Parquet by its name.
@@ -85,25 +86,38 @@ fn nodes(column: &str, network: &Network, numbers: impl Iterator<Item = u32> + C
 ///
 /// # Errors
 /// As [`flow_table::read`], and [`Error::Input`] for a file that is not Parquet, or has other columns.
-pub(super) fn read(path: &Path, network: &Network, road_names: &[String]) -> Result<Vec<f64>> {
+pub fn read(path: &Path, network: &Network, road_names: &[String]) -> Result<Vec<f64>> {
     if !is_parquet(path) {
         return flow_table::read(&text::read(path)?, network, road_names);
     }
     let place = path.display().to_string();
     let file = File::open(path).map_err(|source| Error::file(path, source))?;
-    let broken = |failure: parquet::errors::ParquetError| Error::input(&place, failure, "a Parquet file");
+    refuse_panics(&place, || read_parquet(&place, file, network, road_names))
+}
+
+fn read_parquet(place: &str, file: File, network: &Network, road_names: &[String]) -> Result<Vec<f64>> {
+    let broken = |failure: parquet::errors::ParquetError| Error::input(place, failure, "a Parquet file");
     let reader = SerializedFileReader::new(file).map_err(broken)?;
     let rows = reader.get_row_iter(None).map_err(broken)?;
     let names = reader.metadata().file_metadata().schema().get_fields();
     let has = |name: &str| names.iter().any(|field| field.name() == name);
     if !columns().into_iter().all(has) {
-        let text = as_csv(&place, rows).map_err(broken)?;
+        let text = as_csv(place, rows).map_err(broken)?;
         return flow_table::read(&text, network, road_names);
     }
     // Counted like the lines of a CSV, which has a header.
     let rows = rows.zip(2..);
     let rows = rows.map(|(row, line)| flow_row(format!("{place}:{line}"), &row.map_err(broken)?));
-    check::volumes(&place, rows, network)
+    check::volumes(place, rows, network)
+}
+
+/// What `work` gives. At some damaged files the library panics, and would say so on standard error: they are refused like others.
+fn refuse_panics<T>(place: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| ()));
+    let outcome = panic::catch_unwind(AssertUnwindSafe(work));
+    panic::set_hook(hook);
+    outcome.unwrap_or_else(|_| Err(Error::input(place, "damaged data", "a Parquet file")))
 }
 
 /// A table of another program as the CSV that it could be.
