@@ -3,7 +3,7 @@
 use kit::error::{Error, Result};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
@@ -26,12 +26,20 @@ pub fn measuring(done: impl FnMut(&str)) -> Result<PathBuf> {
 }
 
 fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Result<PathBuf> {
+    let working = std::env::current_dir().unwrap_or_default();
+    // An installed program may have outlived the clone that it was built in, or have come from another machine.
+    let clone = clone_around(&working)
+        .or_else(|| clone_around(Path::new(env!("CARGO_MANIFEST_DIR"))))
+        .ok_or_else(|| {
+            let expected = "a run within a clone of the repository, whose firmware is built";
+            Error::input("working directory", working.display(), expected)
+        })?;
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
         .args(["build", "-p", "firmware", "--bin", program])
         .args(["--profile", "firmware", "--target", TARGET])
         .args(["--message-format", "json-render-diagnostics"])
         .args(arguments)
-        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .current_dir(clone)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -70,7 +78,26 @@ fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Resul
     executable.ok_or_else(|| wrong_build("no executable"))
 }
 
+/// The clone of the repository that a folder is in.
+fn clone_around(folder: &Path) -> Option<&Path> {
+    let holds_firmware = |folder: &&Path| folder.join("firmware/src/bin/measure.rs").exists();
+    folder.ancestors().find(holds_firmware)
+}
+
 fn wrong_build(found: &str) -> Error {
     let expected = format!("a build for {TARGET} (`rustup target add {TARGET}` if the target is missing)");
     Error::input("cargo build -p firmware", found, expected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clone_around;
+    use std::path::Path;
+
+    #[test]
+    fn the_clone_is_the_one_around() {
+        let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+        assert_eq!(clone_around(&package.join("src/image")), package.parent());
+        assert_eq!(clone_around(Path::new("/")), None);
+    }
 }
