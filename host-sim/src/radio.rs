@@ -1,7 +1,7 @@
 //! Who is received in a slot: interference, signal-to-interference-and-noise ratio, success (paper eqs. 2 and 3).
 
 use crate::decisions::{Decisions, SILENT};
-use crate::lanes::{LANES, LaneStream, Row, Rows, Vectors, decibels, ratio, unit_interval, widened};
+use crate::lanes::{FEW, LANES, LaneStream, Row, Rows, Vectors, decibels, ratio, unit_interval, widened};
 use crate::neighbours::Neighbours;
 use crate::scenario::Scenario;
 use crate::stream::{Role, WorldKey};
@@ -12,6 +12,8 @@ pub struct Radio {
     max_power_dbm: f32,
     required_sinr: f32,
     sub_channels: usize,
+    /// Whether there are at most [`FEW`] worlds.
+    few: bool,
     /// Received power of every vehicle over noise; 0 for a silent one. `[vehicle]`, of the block in work.
     power: Vec<Row<f32>>,
     /// Power of the other vehicles on its sub-channel over noise. `[vehicle]`, of the block in work.
@@ -48,6 +50,7 @@ impl Radio {
             max_power_dbm: radio.max_power_dbm as f32,
             required_sinr: radio.required_sinr() as f32,
             sub_channels,
+            few: worlds <= FEW,
             power: vec![[0.0; LANES]; vehicles],
             others: vec![[0.0; LANES]; vehicles],
             sum: vec![[0.0; LANES]; sub_channels],
@@ -106,17 +109,29 @@ impl Radio {
             vectors.run(
                 #[inline(always)]
                 || {
-                    self.sum_powers(block, present, decisions, gain_db);
-                    self.report(block, present, decisions);
+                    if self.few {
+                        self.sum_powers::<FEW>(block, present, decisions, gain_db);
+                        self.report::<FEW>(block, present, decisions);
+                    } else {
+                        self.sum_powers::<LANES>(block, present, decisions, gain_db);
+                        self.report::<LANES>(block, present, decisions);
+                    }
                 },
             );
         }
     }
 
     /// Received powers, and for each transmission the sum of the others on its sub-channel. What comes before a vehicle and what
-    /// comes after it are summed apart and nothing is subtracted: a strong transmission must not cancel a weak one away.
+    /// comes after it are summed apart and nothing is subtracted: a strong transmission must not cancel a weak one away. Of the first
+    /// `N` worlds of the block, as all that follow.
     #[inline(always)]
-    fn sum_powers(&mut self, block: usize, present: &[usize], decisions: &Decisions, gain_db: &Rows<f32>) {
+    fn sum_powers<const N: usize>(
+        &mut self,
+        block: usize,
+        present: &[usize],
+        decisions: &Decisions,
+        gain_db: &Rows<f32>,
+    ) {
         let sub_channels = self.sub_channels;
         for &vehicle in present {
             let (chosen, transmit_power) = decisions.rows(block, vehicle);
@@ -124,14 +139,14 @@ impl Radio {
             let mut level_db = [0_u32; LANES];
             for sub_channel in 0..sub_channels {
                 let gain_db = gain_db.row(block, vehicle * sub_channels + sub_channel);
-                for lane in 0..LANES {
+                for lane in 0..N {
                     let here = mask(chosen[lane] == sub_channel as i32);
                     level_db[lane] |= here & gain_db[lane].to_bits();
                 }
             }
             let mut power = [0.0; LANES];
             let transmit_power = *transmit_power;
-            for lane in 0..LANES {
+            for lane in 0..N {
                 let reduction_db = self.max_power_dbm - f32::from(transmit_power[lane]) / 256.0;
                 let received = ratio(f32::from_bits(level_db[lane]) - reduction_db);
                 let sends = mask(chosen[lane] != i32::from(SILENT));
@@ -142,7 +157,7 @@ impl Radio {
         }
         self.sum.fill([0.0; LANES]);
         for &vehicle in present.iter().rev() {
-            self.pass(block, vehicle, decisions);
+            self.pass::<N>(block, vehicle, decisions);
         }
         self.sum.fill([0.0; LANES]);
         if let Some(neighbours) = &self.neighbours {
@@ -152,18 +167,18 @@ impl Radio {
             }
         }
         for &vehicle in present {
-            self.pass(block, vehicle, decisions);
+            self.pass::<N>(block, vehicle, decisions);
         }
     }
 
     /// Adds to a vehicle what was summed so far on its sub-channel, then the vehicle to the sum.
     #[inline(always)]
-    fn pass(&mut self, block: usize, vehicle: usize, decisions: &Decisions) {
+    fn pass<const N: usize>(&mut self, block: usize, vehicle: usize, decisions: &Decisions) {
         let chosen = widened(decisions.rows(block, vehicle).0);
         let (power, mut others) = (self.power[vehicle], self.others[vehicle]);
         for (sub_channel, sum) in self.sum.iter_mut().enumerate() {
             let mut now = *sum;
-            for lane in 0..LANES {
+            for lane in 0..N {
                 let here = mask(chosen[lane] == sub_channel as i32);
                 others[lane] += f32::from_bits(here & now[lane].to_bits());
                 now[lane] += f32::from_bits(here & power[lane].to_bits());
@@ -175,9 +190,9 @@ impl Radio {
 
     /// Success, and the interference that is reported to every vehicle.
     #[inline(always)]
-    fn report(&mut self, block: usize, present: &[usize], decisions: &Decisions) {
+    fn report<const N: usize>(&mut self, block: usize, present: &[usize], decisions: &Decisions) {
         for total in &mut self.sum {
-            for total in total {
+            for total in &mut total[..N] {
                 *total = decibels(1.0 + *total);
             }
         }
@@ -187,23 +202,23 @@ impl Radio {
             let chosen = widened(decisions.rows(block, vehicle).0);
             let (power, others) = (self.power[vehicle], self.others[vehicle]);
             let (mut received, mut others_db) = ([0; LANES], [0.0; LANES]);
-            for lane in 0..LANES {
+            for lane in 0..N {
                 let heard = power[lane] >= self.required_sinr * (1.0 + others[lane]);
                 received[lane] = u8::from(heard);
             }
-            for lane in 0..LANES {
+            for lane in 0..N {
                 others_db[lane] = decibels(1.0 + others[lane]);
             }
             if let Some(block_errors) = &mut self.block_errors {
                 received = block_errors.draw(block, &power, &others_db);
             }
-            for lane in 0..LANES {
+            for lane in 0..N {
                 successes[lane] += u16::from(received[lane]);
             }
             *self.received.row_mut(block, vehicle) = received;
             for (sub_channel, total_db) in self.sum.iter().enumerate() {
                 let mut row = [0.0; LANES];
-                for lane in 0..LANES {
+                for lane in 0..N {
                     let here = mask(chosen[lane] == sub_channel as i32);
                     let bits = here & others_db[lane].to_bits() | !here & total_db[lane].to_bits();
                     row[lane] = f32::from_bits(bits);

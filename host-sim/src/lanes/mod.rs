@@ -26,6 +26,10 @@ pub use vectors::Vectors;
 /// Worlds of a row (chosen: two to eight vectors of every machine's width).
 pub const LANES: usize = 32;
 
+/// Worlds up to which costly loops go through so many lanes and no more, as for a single world on a page (chosen: two vectors of 128
+/// bits).
+pub const FEW: usize = 8;
+
 /// One value in every world of a row.
 pub type Row<T> = [T; LANES];
 

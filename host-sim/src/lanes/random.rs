@@ -22,6 +22,8 @@ const BLOCK: usize = 16;
 pub struct LaneStream {
     /// What makes the blocks.
     vectors: Vectors,
+    /// Lanes with a world.
+    lanes: usize,
     /// `[word][lane]`.
     key: [Row<i32>; 8],
     /// Of the next block, the same in all lanes.
@@ -35,8 +37,9 @@ pub struct LaneStream {
 impl LaneStream {
     /// The streams of up to [`LANES`] worlds for one role. Lanes without a world have a stream that means nothing.
     pub fn new(keys: impl Iterator<Item = WorldKey>, role: Role, member: u32) -> Self {
-        let mut key = [[0; LANES]; 8];
+        let (mut key, mut lanes) = ([[0; LANES]; 8], 0);
         for (lane, world) in keys.take(LANES).enumerate() {
+            lanes = lane + 1;
             let bytes = world.bytes(role, member);
             for (row, word) in key.iter_mut().zip(bytes.as_chunks::<4>().0) {
                 row[lane] = i32::from_le_bytes(*word);
@@ -44,6 +47,7 @@ impl LaneStream {
         }
         Self {
             vectors: Vectors::widest(),
+            lanes,
             key,
             counter: 0,
             words: [[0; LANES]; BLOCK],
@@ -64,8 +68,12 @@ impl LaneStream {
     #[inline(never)]
     fn next_block(&mut self) {
         let counter = [self.counter as i32, (self.counter >> 32) as i32, 0, 0];
-        let (key, words) = (&self.key, &mut self.words);
-        self.vectors.compute(NextBlock { key, counter, words });
+        self.vectors.compute(NextBlock {
+            lanes: self.lanes,
+            key: &self.key,
+            counter,
+            words: &mut self.words,
+        });
         self.counter += 1;
         self.used = 0;
     }
@@ -73,6 +81,7 @@ impl LaneStream {
 
 /// A block of every lane's stream.
 struct NextBlock<'a> {
+    lanes: usize,
     key: &'a [Row<i32>; 8],
     counter: [i32; 4],
     words: &'a mut [Row<i32>; BLOCK],
@@ -83,7 +92,7 @@ impl Kernel for NextBlock<'_> {
     fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
         let unit = products.unit();
         // A vector of each word at a time, so that all sixteen stay in registers.
-        for part in 0..LANES / P::Unit::WIDTH {
+        for part in 0..self.lanes.div_ceil(P::Unit::WIDTH) {
             let mut start = [unit.splat(0); BLOCK];
             for word in 0..4 {
                 start[word] = unit.splat(CONSTANTS[word]);

@@ -136,8 +136,9 @@ impl Encoder {
     pub fn encode(&self, view: &View, inputs: &mut [Row<i32>; INPUTS]) {
         for lane in 0..LANES {
             let codes = view.quantities(lane, self.sub_channels, self.gains_hold).encode(self.required);
-            for (input, code) in inputs.iter_mut().zip(codes) {
-                input[lane] = code;
+            // No iterator over inputs: its end would be asked for in every lane, and the stores masked, which are slow.
+            for input in 0..INPUTS {
+                inputs[input][lane] = codes[input];
             }
         }
     }
