@@ -82,7 +82,9 @@ fn take(request: Option<Request>, store: &mut TableStore<ChipFlash>, answered: &
                 assert!(power <= POWER_CEILING.to_bits());
             }
         }
-        Some(Request::Answer(message)) => panic!("{message:?} is no decision"),
+        Some(Request::Answer(message)) => {
+            assert!(matches!(message, UnitMessage::Hello { .. }), "{message:?}")
+        }
         Some(Request::Update(step)) => {
             if let UpdateAnswer::Stored { version } = store.step(&step) {
                 assert_eq!(version, 3, "only one package was ever signed");

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Options of `key`.
 #[derive(Clone, Debug, clap::Args)]
-#[group(required = true, multiple = false, id = "source")]
+#[command(group(clap::ArgGroup::new("source").required(true).multiple(false)))]
 pub struct KeyArguments {
     /// Make a new secret key and write it to this file, which must not exist: PKCS#8 in PEM
     #[arg(long, value_name = "FILE", group = "source")]
