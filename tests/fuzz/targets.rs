@@ -153,8 +153,8 @@ pub const TARGETS: &[Target] = &[
             seeds: None,
         };
         let grid = arguments.read()?;
-        let points = (0..grid.points().min(20)).map(|index| grid.point(index));
-        points.map(|point| grid.task(&point).map(drop)).collect()
+        let mut points = (0..grid.points().min(20)).map(|index| grid.point(index));
+        points.try_for_each(|point| grid.task(&point).map(drop))
     }),
     target("configuration", "mixture.toml", Seeds::File, |scene| {
         configuration(Some(scene.join("mixture.toml")))
