@@ -617,6 +617,24 @@ mod tests {
     }
 
     #[test]
+    fn nine_in_ten_joiners_count_those_who_were_never_heard() {
+        let joiners = |waits: &[Option<u32>]| {
+            let mut world = AgeCounter::new(0, 1, 1).worlds().remove(0);
+            world.joiner_waits = waits.to_vec();
+            let joiners = Joiners::new(&[world])?;
+            Some((joiners.count, joiners.median_slots, joiners.p90_slots))
+        };
+        assert_eq!(joiners(&[]), None);
+        let ten: Vec<Option<u32>> = (1..=10).rev().map(Some).collect();
+        assert_eq!(joiners(&ten), Some((10, Some(5), Some(9))));
+        let one_never: Vec<Option<u32>> = (1..=9).map(Some).chain([None]).collect();
+        assert_eq!(joiners(&one_never), Some((10, Some(5), Some(9))));
+        let two_never: Vec<Option<u32>> = (1..=8).map(Some).chain([None, None]).collect();
+        assert_eq!(joiners(&two_never), Some((10, Some(5), None)));
+        assert_eq!(joiners(&[None, None, Some(7)]), Some((3, None, None)));
+    }
+
+    #[test]
     fn one_vehicle_in_twenty_is_worse() {
         // Mean ages 1 to 40 in two worlds, of which two are above 38. Vehicle 20 is in world 0 alone, vehicle 21 nowhere.
         let mut counter = AgeCounter::new(0, 2, 22);
