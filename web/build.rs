@@ -15,7 +15,9 @@ const SOURCES: &[&str] = &[
 ];
 
 /// What stands behind `host-sim`'s feature `program`, without which the page is built.
-const NOT_BUILT: &[&str] = &["command", "deadline", "hil", "main.rs", "report", "sweep"];
+const NOT_BUILT: &[&str] = &[
+    "command", "deadline", "hil", "image", "main.rs", "report", "sweep",
+];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
