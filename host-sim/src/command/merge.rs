@@ -85,6 +85,7 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
         let files = figure::files(&grid, &merged, key)?;
         set.extend(files.into_iter().map(|(name, text)| (name, text.into_bytes())));
     }
+    files::check_folder(&arguments.out)?;
     files::write_set(&arguments.out, &set)?;
     let written: Vec<String> = set
         .iter()

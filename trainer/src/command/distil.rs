@@ -135,7 +135,6 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
         "hidden": task["hidden"],
         "cross_entropy": made.loss,
         "table_bytes": made.table.bytes().len(),
-        "seconds": seconds,
         "worlds": extent.worlds,
         "slots": extent.slots,
     });
