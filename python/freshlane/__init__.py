@@ -8,7 +8,7 @@ sense, whether and how loudly to send, so that what the base station knows stays
 * `freshlane.adapters`: many worlds as environments of Gymnasium, Stable-Baselines3, TorchRL and BenchMARL.
 * `evaluate`: a policy on held-out worlds, with the command line's protocol and numbers.
 * `Table`, `export`: the firmware's frozen int8 networks, and how a torch network becomes one.
-* `read_actor`: a network of the trainer as a torch module.
+* `read_actor`, `write_actor`: a network of the trainer as a torch module, and the way back.
 * `read_trace`: recorded vehicles, SUMO's floating-car data.
 * `assign`: static traffic assignment from arrays.
 * `Scenario`: the same presets, files and settings as on the command line.
@@ -18,7 +18,7 @@ Everything is computed by the simulator, trainer and firmware library that the c
 
 from ._native import VERSION as __version__
 from ._native import Assignment, Evaluation, Scenario, Table, Trace
-from .actor import read_actor
+from .actor import read_actor, write_actor
 from .assignment import assign
 from .batch import ACTIONS, INPUTS, ONE, BatchEnvironment, Encoding, Reward
 from .evaluation import POLICIES, PolicyName, evaluate
@@ -50,4 +50,5 @@ __all__ = [
     "parallel_env",
     "read_actor",
     "read_trace",
+    "write_actor",
 ]

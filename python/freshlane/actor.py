@@ -1,13 +1,12 @@
-"""A trained actor of the trainer as a torch module."""
+"""Actors of the trainer as torch modules, and torch modules as the trainer's actors."""
 
 from __future__ import annotations
 
-import json
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
-import numpy as np
+from ._native import FloatNetwork
+from .export import layers_of
 
 
 def read_actor(path: str | PathLike[str]) -> Any:
@@ -15,28 +14,29 @@ def read_actor(path: str | PathLike[str]) -> Any:
 
     Returns a torch `Sequential` of `Linear` and `ReLU`: float32 observations over 64, (rows, 22), to scores (rows, 7).
 
-    Raises OSError for a file that cannot be read, ValueError for one that holds no such network, such as the paper's form, whose
-    inputs differ and which has a network for each vehicle.
+    Raises OSError for a file that cannot be read, ValueError for one that is damaged or holds no such network, such as the paper's
+    form, whose inputs differ and which has a network for each vehicle.
     """
-    from torch import nn, tensor
+    from torch import from_numpy, nn
 
-    data = Path(path).read_bytes()
-    first = 8 + int.from_bytes(data[:8], "little")
-    try:
-        header = json.loads(data[8:first])
-        form = json.loads(header["__metadata__"]["freshlane"])
-        if (form["observation"], form["output"]) != ("firmware", {"form": "actions"}):
-            raise ValueError(f"found {form}")
-
-        def values(name: str) -> Any:
-            begin, end = header[name]["data_offsets"]
-            return tensor(np.frombuffer(data[first + begin : first + end], "<f4").reshape(header[name]["shape"]))
-
-        parts: list[Any] = []
-        for layer in range(max(1, sum(name.endswith("weight") for name in header))):
-            weights, biases = values(f"layers.{layer}.weight"), values(f"layers.{layer}.bias")
-            parts += [nn.ReLU()] * (layer > 0) + [nn.Linear(weights.shape[1], weights.shape[0])]
-            parts[-1].load_state_dict({"weight": weights, "bias": biases})
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path}: {error!r}, expected one network with the firmware's inputs and actions") from None
+    parts: list[Any] = []
+    for weights, biases in FloatNetwork.read(path).layers():
+        parts += [nn.ReLU()] * bool(parts) + [nn.Linear(weights.shape[1], weights.shape[0])]
+        parts[-1].load_state_dict({"weight": from_numpy(weights), "bias": from_numpy(biases)})
     return nn.Sequential(*parts)
+
+
+def write_actor(network: Any, path: str | PathLike[str], *, min_vehicles: int, max_vehicles: int) -> None:
+    """Writes a network as the trainer's `actor.safetensors`, for `trainer export`, `eval` or further training there.
+
+    Args:
+        network: what `export` takes.
+        path: the file, which appears whole or not at all.
+        min_vehicles, max_vehicles: fewest and most vehicles in the cells that the network was trained in.
+
+    Raises:
+        TypeError: a network of other modules or types.
+        ValueError: layers that do not fit each other or the firmware, numbers that are not finite, vehicles in the wrong order.
+        OSError: a file that cannot be written.
+    """
+    FloatNetwork(layers_of(network)).write(path, (min_vehicles, max_vehicles))

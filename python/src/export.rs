@@ -16,22 +16,29 @@ use host_sim::policy::power_plan;
 use host_sim::simulation::Simulation;
 use host_sim::stream::Purpose;
 use host_sim::thread_pool;
+use kit::error::Result;
+use kit::files::write_whole;
 use numpy::{
-    IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use rayon::prelude::*;
+use std::path::PathBuf;
+use trainer::actor_file;
 use trainer::evaluate::compare;
 use trainer::export::{Header, table_bytes};
 use trainer::forms::{as_float, best_action};
 use trainer::laboratory::actors::{ActorForm, Actors};
-use trainer::network::Network;
+use trainer::network::{Layer, Network};
 use trainer::network::perceptron::{Pass, Rows};
 use trainer::quantise::quantise;
 
 /// Worlds and slots that calibrate activations (chosen: about a quarter of a million observations of 20 vehicles).
 const CALIBRATION_WORLDS: u64 = 32;
 const CALIBRATION_SLOTS: u32 = 400;
+
+/// A layer's weights and biases.
+type LayerArrays<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f32>>);
 
 /// Dense layers with ReLU between them, in f32.
 #[pyclass(frozen, module = "freshlane._native")]
@@ -82,6 +89,41 @@ impl FloatNetwork {
         }
         let inner = Network::new(&widths, parameters);
         Ok(Self { inner })
+    }
+
+    /// The network in a file of the trainer, which must be whole.
+    #[staticmethod]
+    fn read(path: PathBuf) -> PyResult<Self> {
+        let Actors { form, networks } = actor_file::read(&path).map_err(exception)?;
+        let one = <[Network; 1]>::try_from(networks);
+        match (form.observation, form.output, one) {
+            (ObservationForm::Ring, OutputForm::Actions, Ok([inner])) => Ok(Self { inner }),
+            (observation, output, _) => {
+                let found = format!("actors that see {observation:?} and give {output:?}");
+                let expected = "one network with the firmware's inputs and actions";
+                Err(value_error(path.display(), found, expected))
+            }
+        }
+    }
+
+    /// Writes it as the trainer does.
+    fn write(&self, path: PathBuf, vehicles: (u32, u32)) -> PyResult<()> {
+        let bytes = self
+            .actors(vehicles)
+            .and_then(|actors| actor_file::to_bytes(&actors));
+        bytes
+            .and_then(|bytes| write_whole(&path, &bytes))
+            .map_err(exception)
+    }
+
+    /// Weights, float32 (outputs, inputs), and biases, float32 (outputs,), of each layer from the input on.
+    fn layers<'py>(&self, py: Python<'py>) -> PyResult<Vec<LayerArrays<'py>>> {
+        let arrays = |layer: Layer<'_>| {
+            let weights = PyArray1::from_slice(py, layer.weights);
+            let weights = weights.reshape([layer.outputs, layer.inputs])?;
+            Ok((weights, PyArray1::from_slice(py, layer.biases)))
+        };
+        self.inner.layers().map(arrays).collect()
     }
 
     /// Encoded observations of training worlds in which this network decides, int8 (rows, 22).
@@ -166,16 +208,7 @@ impl FloatNetwork {
         let table = table.parse()?;
         let pool = thread_pool(threads).map_err(exception)?;
         let vehicles = u32::from(table.max_vehicles());
-        let actors = Actors {
-            form: ActorForm {
-                observation: ObservationForm::Ring,
-                output: OutputForm::Actions,
-                noise: 0.0,
-                min_vehicles: 1,
-                max_vehicles: vehicles,
-            },
-            networks: vec![self.inner.clone()],
-        };
+        let actors = self.actors((1, vehicles)).map_err(exception)?;
         let compared = py.detach(|| pool.install(|| compare(&simulation, &actors, &[table])));
         let compared = compared.map_err(exception)?;
         Ok((
@@ -187,6 +220,21 @@ impl FloatNetwork {
 }
 
 impl FloatNetwork {
+    /// As the trainer has it: for cells with the fewest and the most vehicles.
+    fn actors(&self, (min_vehicles, max_vehicles): (u32, u32)) -> Result<Actors> {
+        let form = ActorForm {
+            observation: ObservationForm::Ring,
+            output: OutputForm::Actions,
+            noise: 0.0,
+            min_vehicles,
+            max_vehicles,
+        };
+        let networks = vec![self.inner.clone()];
+        let actors = Actors { form, networks };
+        actors.check()?;
+        Ok(actors)
+    }
+
     /// What the network sees in a training world in which it decides.
     fn watch(&self, setting: &Setting, seed: u64, world: u64) -> Vec<[i8; INPUTS]> {
         let Setting { scenario, source } = setting;

@@ -1,6 +1,5 @@
 """Torch modules as policies and exports, and the example."""
 
-import json
 import re
 import subprocess
 import sys
@@ -11,7 +10,7 @@ import pytest
 import torch
 from torch import nn
 
-from freshlane import ACTIONS, INPUTS, Table, evaluate, export, read_actor
+from freshlane import ACTIONS, INPUTS, Table, evaluate, export, read_actor, write_actor
 
 EXTENT = {"worlds": 8, "slots": 100, "warmup": 50}
 EXAMPLE = Path(__file__).parents[1] / "examples" / "train_ppo.py"
@@ -48,48 +47,24 @@ def test_nested_modules():
     assert bytes(export(nested, **EXTENT).table) == bytes(export(flat, **EXTENT).table)
 
 
-FORM = {"min_vehicles": 20, "max_vehicles": 20, "observation": "firmware", "output": {"form": "actions"}}
-
-
-def write_actor(path, module, form=FORM, prefix=""):
-    """As the trainer writes: the length of the header, the header in JSON, float32 in little endian."""
-    header, values = {"__metadata__": {"freshlane": json.dumps(form)}}, b""
-    for name, value in module.state_dict().items():
-        # Of parts 0, 2 and so on: every other one is a ReLU.
-        place, kind = name.split(".")
-        part = value.numpy().astype("<f4").tobytes()
-        offsets = [len(values), len(values) + len(part)]
-        header[f"{prefix}layers.{int(place) // 2}.{kind}"] = {
-            "dtype": "F32", "shape": list(value.shape), "data_offsets": offsets
-        }
-        values += part
-    text = json.dumps(header).encode()
-    path.write_bytes(len(text).to_bytes(8, "little") + text + values)
-
-
 def test_an_actor_of_the_trainer_is_a_module(tmp_path):
     path = tmp_path / "actor.safetensors"
     module = network(nn.Linear(INPUTS, 16), nn.ReLU(), nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, ACTIONS))
-    write_actor(path, module)
+    write_actor(module, path, min_vehicles=5, max_vehicles=20)
     read = read_actor(path)
     inputs = torch.randn(50, INPUTS)
     assert (read(inputs) == module(inputs)).all() and all(parameter.requires_grad for parameter in read.parameters())
     assert bytes(export(read, **EXTENT).table) == bytes(export(module, **EXTENT).table)
-
-    def refused():
-        with pytest.raises(ValueError, match=f"{path}: .*expected one network with the firmware's inputs and actions"):
-            read_actor(path)
-
-    write_actor(path, module, form={**FORM, "observation": "paper"})
-    refused()
-    write_actor(path, module, prefix="vehicle.0.")
-    refused()
     whole = path.read_bytes()
-    for damaged in (b"", whole[:100], whole[:-4], b"\xff" * 100):
+    weight = whole[:-1] + bytes([whole[-1] ^ 1])
+    for damaged, message in [(b"", ""), (whole[:100], ""), (whole[:-4], ""), (b"\xff" * 100, ""), (weight, "checksum: found ")]:
         path.write_bytes(damaged)
-        refused()
+        with pytest.raises(ValueError, match=f"{path}: {message}"):
+            read_actor(path)
     with pytest.raises(FileNotFoundError):
         read_actor(tmp_path / "none")
+    with pytest.raises(ValueError, match="found 7 to 5 vehicles, expected 1 to "):
+        write_actor(module, path, min_vehicles=7, max_vehicles=5)
 
 
 @pytest.mark.parametrize(
