@@ -9,8 +9,9 @@ mod flash;
 
 use assignment::Result;
 use firmware::decision::POWER_CEILING;
+use firmware::image_store::{Exchange, ImageStore};
 use firmware::link::{
-    MAX_FRAME, MeasurementFrame, ModemFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
+    CHUNK_LEN, MAX_FRAME, MeasurementFrame, ModemFrame, UnitMessage, UpdateAnswer, UpdateFrame, encode,
 };
 use firmware::lots::Identity;
 use firmware::session::{Request, Session};
@@ -23,31 +24,63 @@ use flash::ChipFlash;
 use rand_pcg::Pcg64Mcg;
 use std::path::Path;
 use system_tests::random_measurement;
-use system_tests::signing::{TEST_SECRET, package};
+use system_tests::signing::{TEST_SECRET, image_package, package};
 use system_tests::table_builder::Contents;
 
 const TICK: u8 = 0;
 const RAW: u8 = 255;
+
+/// The version of the image that runs, and of the only other one that was ever signed.
+const IMAGES: [u32; 2] = [4, 5];
+
+/// The version of the only table that was ever signed.
+const TABLE: u32 = 3;
+
+/// The unit's two stores, as its image hands updates to them.
+struct Stores {
+    tables: TableStore<ChipFlash>,
+    images: ImageStore<ChipFlash, BootLoader>,
+}
+
+/// A boot loader that does what it is asked.
+struct BootLoader;
+
+impl Exchange for BootLoader {
+    fn is_on_trial(&mut self) -> Option<bool> {
+        Some(false)
+    }
+
+    fn exchange_at_next_start(&mut self) -> Option<()> {
+        Some(())
+    }
+
+    fn keep(&mut self) -> Option<()> {
+        Some(())
+    }
+}
 
 /// Lets a unit live through an input: it may answer a slot once, with a decision that is legal.
 pub fn run(scene: &Path) -> Result<()> {
     let input =
         std::fs::read(scene.join("frames.bin")).map_err(|source| kit::error::Error::file(scene, source))?;
     let mut session = Session::new(Unit::new(DISTILLED, Identity(7)));
-    let mut store = TableStore::boot(ChipFlash::new(), Key::BUILT_IN, DISTILLED);
+    let mut stores = Stores {
+        tables: TableStore::boot(ChipFlash::new(), Key::BUILT_IN, DISTILLED),
+        images: ImageStore::boot(ChipFlash::new(), BootLoader, Key::BUILT_IN, IMAGES[0]),
+    };
     let (mut answered, mut rest) = (None, input.as_slice());
     while let Some((&length, after)) = rest.split_first() {
         rest = after;
         match length {
             TICK => {
                 let request = session.tick();
-                take(request, &mut store, &mut answered);
+                take(request, &mut stores, &mut answered);
             }
             RAW => {
                 if let Some((&byte, after)) = rest.split_first() {
                     rest = after;
                     let request = session.byte(byte);
-                    take(request, &mut store, &mut answered);
+                    take(request, &mut stores, &mut answered);
                 }
             }
             length => {
@@ -55,23 +88,24 @@ pub fn run(scene: &Path) -> Result<()> {
                 rest = after;
                 for byte in sealed(fields) {
                     let request = session.byte(byte);
-                    take(request, &mut store, &mut answered);
+                    take(request, &mut stores, &mut answered);
                 }
             }
         }
         let _restart = session.timer_restart();
         if let Some(window) = session.full_window() {
-            let _judged = store.judge(&window);
+            let _judged = stores.tables.judge(&window);
+            stores.images.prove();
         }
     }
     Ok(())
 }
 
 /// Checks an answer, and hands on what is the store's.
-fn take(request: Option<Request>, store: &mut TableStore<ChipFlash>, answered: &mut Option<u32>) {
+fn take(request: Option<Request>, stores: &mut Stores, answered: &mut Option<u32>) {
     match request {
         None | Some(Request::Status(_)) => {
-            let _status = store.status();
+            let _status = stores.tables.status();
         }
         Some(Request::Answer(UnitMessage::Decision(decision))) => {
             assert_ne!(*answered, Some(decision.slot), "one slot twice in succession");
@@ -86,8 +120,14 @@ fn take(request: Option<Request>, store: &mut TableStore<ChipFlash>, answered: &
             assert!(matches!(message, UnitMessage::Hello { .. }), "{message:?}")
         }
         Some(Request::Update(step)) => {
-            if let UpdateAnswer::Stored { version } = store.step(&step) {
-                assert_eq!(version, 3, "only one package was ever signed");
+            let (answer, signed) = if stores.images.concerns(&step) {
+                (stores.images.step(&step), IMAGES[1])
+            } else {
+                stores.images.abandon();
+                (stores.tables.step(&step), TABLE)
+            };
+            if let UpdateAnswer::Stored { version } = answer {
+                assert_eq!(version, signed, "only one package of each kind was ever signed");
             }
         }
     }
@@ -112,7 +152,7 @@ fn step(frame: &ModemFrame) -> Vec<u8> {
     [&[fields as u8], &wire[..fields]].concat()
 }
 
-/// A drive with everything that a modem says, and a table over the air.
+/// A drive with everything that a modem says, and a table and an image over the air.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut rng = Pcg64Mcg::new(1);
     let mut drive = Vec::new();
@@ -136,16 +176,26 @@ pub fn seeds() -> Vec<Vec<u8>> {
         drive.extend(step(&frame));
     }
     let table = Contents::random(1, &[firmware::observation::INPUTS, firmware::decision::ACTIONS]).bytes();
-    let package = package(&table, 3, &TEST_SECRET);
-    let mut update = step(&ModemFrame::Update(UpdateFrame::Begin {
-        length: package.len() as u32,
-    }));
-    for (index, chunk) in package.chunks(32).enumerate() {
-        let mut bytes = [0; 32];
+    let table = package(&table, TABLE, &TEST_SECRET);
+    let image = image_package(&[0x5a; 200], IMAGES[1], &TEST_SECRET);
+    let begin = |length: usize| UpdateFrame::Begin { length: length as u32 };
+    let begin_image = |length: usize| UpdateFrame::BeginImage { length: length as u32 };
+    vec![
+        drive,
+        update(begin(table.len()), &table),
+        update(begin_image(image.len()), &image),
+    ]
+}
+
+/// All steps of an update.
+fn update(begin: UpdateFrame, package: &[u8]) -> Vec<u8> {
+    let mut steps = step(&ModemFrame::Update(begin));
+    for (index, chunk) in package.chunks(CHUNK_LEN).enumerate() {
+        let mut bytes = [0; CHUNK_LEN];
         bytes[..chunk.len()].copy_from_slice(chunk);
-        let offset = 32 * index as u32;
-        update.extend(step(&ModemFrame::Update(UpdateFrame::Chunk { offset, bytes })));
+        let offset = (CHUNK_LEN * index) as u32;
+        steps.extend(step(&ModemFrame::Update(UpdateFrame::Chunk { offset, bytes })));
     }
-    update.extend(step(&ModemFrame::Update(UpdateFrame::Commit)));
-    vec![drive, update]
+    steps.extend(step(&ModemFrame::Update(UpdateFrame::Commit)));
+    steps
 }
