@@ -273,6 +273,11 @@ fn what_is_not_wanted_erases_nothing() {
     assert_eq!(refused(&mut store, &good[..good.len() - 1]), Refusal::Length);
     let long = image_package(&vec![0; 2 * SECTOR + 1], 2, &TEST_SECRET);
     assert_eq!(refused(&mut store, &long), Refusal::Length);
+    let longest = UpdateFrame::BeginImage {
+        length: long.len() as u32 - 1,
+    };
+    assert_eq!(store.step(&longest), UpdateAnswer::Continue { offset: 0 });
+    store.abandon();
     assert_eq!(refused(&mut store, &good[..HEADER_LEN]), Refusal::Length);
     for step in [
         UpdateFrame::Commit,
