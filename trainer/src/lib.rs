@@ -16,6 +16,8 @@ pub mod forms;
 pub mod game;
 pub mod laboratory;
 #[cfg(feature = "program")]
+#[cfg(feature = "program")]
+pub mod interquartile;
 pub mod learning_curves;
 pub mod maddpg;
 pub mod mixture;
