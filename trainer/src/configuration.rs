@@ -1,7 +1,8 @@
 //! What a run is told: a preset, then a file that may change some of its keys, then single `KEY=VALUE` settings.
 //!
 //! A preset under `trainer/presets/` names its algorithm, has that algorithm's section with every key, and under `scenario`
-//! what differs from the simulator's preset that it starts from.
+//! what differs from the simulator's preset that it starts from. With `base = "NAME"` it lies over another preset, and says what
+//! differs.
 
 use crate::evolution::{Evolution, EvolutionLearner};
 use crate::forms;
@@ -12,6 +13,7 @@ use crate::mixture::{self, CellSource, MixedCell, Mixture};
 use crate::ppo::{self, PpoLearner};
 use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::{self, Scenario};
+use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::keys::Key;
 use kit::layers::{Layers, parse};
@@ -35,6 +37,10 @@ choices! {
         Ppo = "ppo",
         /// The same from a distilled actor on.
         FineTune = "fine-tune",
+        /// Proximal policy optimisation of a reward that all share, with a critic that sees the whole cell.
+        Mappo = "mappo",
+        /// The same with a critic that sees what the vehicle sees.
+        Ippo = "ippo",
     }
 }
 
@@ -84,6 +90,9 @@ pub struct Configuration {
     pub algorithm: Algorithm,
 }
 
+/// Names the preset that a preset lies over.
+const BASE: &str = "base";
+
 /// The command that lists all keys.
 pub(crate) const EXPLAIN: &str = "trainer explain";
 
@@ -107,6 +116,8 @@ impl Preset {
             Self::Freshlane => include_str!("../presets/freshlane.toml"),
             Self::Ppo => include_str!("../presets/ppo.toml"),
             Self::FineTune => include_str!("../presets/fine-tune.toml"),
+            Self::Mappo => include_str!("../presets/mappo.toml"),
+            Self::Ippo => include_str!("../presets/ippo.toml"),
         }
     }
 
@@ -126,8 +137,17 @@ impl Preset {
         let mut layers = Layers::new(keys, EXPLAIN);
         let scenario = Value::Table(scenario.values());
         layers.lay(Table::from_iter([("scenario".to_owned(), scenario)]), None)?;
-        layers.lay(parse("preset", self.text())?, None)?;
+        self.lay_over(&mut layers)?;
         Ok(layers)
+    }
+
+    /// Lays its values over others, those of the preset that it is based on first.
+    fn lay_over(self, layers: &mut Layers<'_>) -> Result<()> {
+        let mut own = parse("preset", self.text())?;
+        if let Some(base) = own.remove(BASE) {
+            Self::of_name("preset", base.as_str().unwrap_or_default())?.lay_over(layers)?;
+        }
+        layers.lay(own, None)
     }
 }
 

@@ -1,7 +1,6 @@
 //! What presets, files and settings may say, and what they may not.
 
 use super::*;
-use kit::choice::Choice as _;
 use kit::keys::{Kind, listed, value};
 
 #[test]

@@ -18,4 +18,4 @@ mod tests;
 pub mod update;
 
 pub use learner::PpoLearner;
-pub use recipe::Recipe;
+pub use recipe::{CriticView, Recipe};

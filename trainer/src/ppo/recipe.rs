@@ -5,7 +5,7 @@ use super::update::Rates;
 use crate::mixture::{self, Mixture};
 use firmware::network::{MAX_LAYERS, MAX_WIDTH};
 use kit::error::{Error, Result};
-use kit::keys;
+use kit::{choices, keys};
 use std::path::PathBuf;
 
 keys! {
@@ -30,6 +30,9 @@ keys! {
         /// Episodes of the run; each begins with fresh worlds.
         #[key(range = 1.0..=1e6, unit = "episodes", source = "chosen")]
         pub episodes: u64,
+        /// What the critic sees.
+        #[key(source = "chosen")]
+        pub critic_sees: CriticView,
         /// Batches of worlds in an episode. The worlds of one batch have the same number of vehicles; in a mixture each batch
         /// is of one cell, as many as its weight says.
         #[key(range = 1.0..=10_000.0, unit = "batches", source = "chosen")]
@@ -96,6 +99,16 @@ keys! {
 impl Recipe {
     /// Checks keys against each other.
     ///
+choices! {
+    /// What the critic sees of a cell.
+    pub enum CriticView {
+        /// What the vehicle sees, and how many of the others are at each age.
+        Cell = "cell",
+        /// What the vehicle sees.
+        Vehicle = "vehicle",
+    }
+}
+
     /// # Errors
     /// A key that does not go with another.
     pub fn check(&self) -> Result<()> {
@@ -176,6 +189,7 @@ impl Recipe {
         Costs {
             team: self.team,
             most_frames: self.most_frames,
+            sees: self.critic_sees,
             transmission: self.transmission,
             scale: 1.0 - self.discount,
             place,

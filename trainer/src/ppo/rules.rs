@@ -1,6 +1,7 @@
 //! What a slot of the cell costs its vehicles, and what the critic knows of them.
 
 use super::central::{CELL_COUNTS, CellCounts, frames};
+use super::recipe::CriticView;
 use crate::game::cell::{Outcome, Rules, Sensed};
 
 /// What a vehicle's reward is made of.
@@ -14,6 +15,8 @@ pub struct Costs {
     pub transmission: f32,
     /// Rewards are multiplied by this; 1 less the discount makes a value a mean cost.
     pub scale: f32,
+    /// What the critic sees.
+    pub sees: CriticView,
     /// Where it is played.
     pub place: CellPlace,
 }
@@ -28,6 +31,14 @@ pub struct CellPlace {
 }
 
 impl Costs {
+    /// Values that the critic knows of the other vehicles.
+    const fn of_others(&self) -> usize {
+        match self.sees {
+            CriticView::Cell => CELL_COUNTS,
+            CriticView::Vehicle => 0,
+        }
+    }
+
     /// Of how many vehicles' costs the reward of one of so many is a mean.
     fn weight(&self, vehicles: f32) -> f32 {
         1.0 + self.team * (vehicles - 1.0)
@@ -36,7 +47,7 @@ impl Costs {
 
 impl Rules for Costs {
     fn extra(&self) -> usize {
-        CELL_COUNTS + self.place.cells
+        self.of_others() + self.place.cells
     }
 
     fn know<'r>(&self, world: &[Option<Sensed>], extras: impl Iterator<Item = &'r mut [f32]>) {
@@ -48,8 +59,10 @@ impl Rules for Costs {
         let counts = CellCounts::new(observations().flatten());
         for (observation, extra) in observations().zip(extras) {
             if let Some(observation) = observation {
-                let (counted, cell) = extra.split_at_mut(CELL_COUNTS);
-                counts.write(observation, counted);
+                let (counted, cell) = extra.split_at_mut(self.of_others());
+                if !counted.is_empty() {
+                    counts.write(observation, counted);
+                }
                 if let Some(here) = cell.get_mut(self.place.index) {
                     *here = 1.0;
                 }

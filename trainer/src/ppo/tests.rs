@@ -14,6 +14,7 @@ use crate::laboratory::random;
 use crate::network::Network;
 
 use firmware::form::{ObservationForm, OutputForm};
+use firmware::observation::INPUTS;
 use host_sim::stream::Stream;
 use kit::error::Result;
 
@@ -254,12 +255,14 @@ fn metrics_of_the_cells_are_parts_of_the_episodes() {
     assert_eq!(learner("mixture=[]").advance().get("mean_age_ms/paper"), None);
 }
 
-/// The critic is told the cell, the actor, which has no such input on the road, is not.
+/// The critic is told the cell, the actor, which has no such input on the road, is not. Of other vehicles it is told where it is to
+/// see the cell.
 #[test]
 fn the_critic_alone_tells_cells_apart() {
-    let known = |index, cells| {
+    let seen = |view: &str, index, cells| {
         let scenario = small("mixture=[]").scenario;
-        let rules = recipe(&[]).costs(CellPlace { index, cells });
+        let view = format!("ppo.critic_sees={view}");
+        let rules = recipe(&[&view]).costs(CellPlace { index, cells });
         let cell = Cell::new(
             random::worlds(&scenario, 1, 0..1),
             0,
@@ -272,11 +275,16 @@ fn the_critic_alone_tells_cells_apart() {
         cell.know(&mut known);
         known[..shape.known].to_vec()
     };
+    let known = |index, cells| seen("cell", index, cells);
     let (alone, first, last) = (known(0, 0), known(0, 3), known(2, 3));
     assert_eq!(first[..alone.len()], alone);
     assert_eq!(last[..alone.len()], alone);
     assert_eq!(first[alone.len()..], [1.0, 0.0, 0.0]);
     assert_eq!(last[alone.len()..], [0.0, 0.0, 1.0]);
+    let own = seen("vehicle", 2, 3);
+    assert_eq!(own.len(), INPUTS + 3);
+    assert_eq!(own[..INPUTS], alone[..INPUTS]);
+    assert_eq!(own[INPUTS..], [0.0, 0.0, 1.0]);
 }
 
 /// A cell whose ages are a hundred times as large learns and is learned from as much as the others.
