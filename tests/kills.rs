@@ -61,17 +61,16 @@ impl Job {
     }
 }
 
-/// All files below a folder, by path. TensorBoard's are left out: they hold times.
+/// All files below a folder, by path.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(below) = folders.pop() {
         for entry in std::fs::read_dir(below).unwrap() {
             let path = entry.unwrap().path();
-            let name = path.file_name().unwrap().to_string_lossy().into_owned();
             if path.is_dir() {
                 folders.push(path);
-            } else if !name.starts_with("events.") {
+            } else {
                 let bytes = std::fs::read(&path).unwrap();
                 files.insert(path.strip_prefix(folder).unwrap().to_owned(), bytes);
             }

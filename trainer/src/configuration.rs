@@ -4,14 +4,13 @@
 //! what differs from the simulator's preset that it starts from. With `base = "NAME"` it lies over another preset, and says what
 //! differs.
 
-use crate::evolution::{Evolution, EvolutionLearner};
+use crate::algorithm::LearningAlgorithm;
+use crate::evolution::Evolution;
 use crate::forms;
 use crate::laboratory::learner::Learner;
-use crate::maddpg::in_cell::MaddpgInCell;
 use crate::maddpg::options::Maddpg;
 use crate::mixture::{self, CellSource, MixedCell, Mixture};
-use crate::ppo::{self, PpoLearner};
-use firmware::form::{ObservationForm, OutputForm};
+use crate::ppo;
 use host_sim::scenario::{self, Scenario};
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
@@ -31,6 +30,8 @@ choices! {
         Paper = "paper",
         /// The same with an update in every slot, as the authors' companion code has it.
         Companion = "companion",
+        /// The public code of the paper's group as it is: no global term, larger noise, smaller critics, nothing after the time limit.
+        CompanionCode = "companion-code",
         /// The modified MADDPG made to work with twenty vehicles.
         Freshlane = "freshlane",
         /// On-policy learning from the cell alone, for every load.
@@ -44,37 +45,86 @@ choices! {
     }
 }
 
-keys! {
-    /// What presets, files and settings say: of the algorithms' sections, the one of the preset's algorithm.
-    pub struct Layout {
-        /// Learning algorithm: evolution, maddpg or ppo. The preset settles it.
-        #[key(source = "the preset")]
-        algorithm: String,
-        /// Cross-entropy search over the parameters of one small actor that all vehicles share.
-        evolution: Option<Evolution>,
-        /// The paper's modified multi-agent DDPG and its family.
-        maddpg: Option<Maddpg>,
-        /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole cell.
-        ppo: Option<ppo::Recipe>,
-        /// Cells to learn in instead of `scenario` alone: an array of tables, each with a preset of the simulator and a weight. What
-        /// is set under `scenario` lies over each preset, a cell's own settings over that. None: `scenario` alone.
-        #[key(longest = mixture::CELLS, source = "chosen")]
-        mixture: Option<Vec<CellSource>>,
-        /// The cell to learn in.
-        scenario: Scenario,
-    }
+/// The learning algorithms: the section of keys that a configuration has for each, which is its name there.
+macro_rules! algorithms {
+    ($(
+        $(#[doc = $meaning:literal])+
+        $section:ident: $variant:ident($options:ty),
+    )+) => {
+        keys! {
+            /// What presets, files and settings say: of the algorithms' sections, the one of the preset's algorithm.
+            pub struct Layout {
+                /// Learning algorithm: the name of its section. The preset settles it.
+                #[key(source = "the preset")]
+                algorithm: String,
+                $(
+                    $(#[doc = $meaning])+
+                    $section: Option<$options>,
+                )+
+                /// Cells to learn in instead of `scenario` alone: an array of tables, each with a preset of the simulator and a
+                /// weight. What is set under `scenario` lies over each preset, a cell's own settings over that. None: `scenario`
+                /// alone.
+                #[key(longest = mixture::CELLS, source = "chosen")]
+                mixture: Option<Vec<CellSource>>,
+                /// The cell to learn in.
+                scenario: Scenario,
+            }
+        }
+
+        /// A learning algorithm and its parameters.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(rename_all = "kebab-case")]
+        pub enum Algorithm {
+            $(
+                $(#[doc = $meaning])+
+                $variant($options),
+            )+
+        }
+
+        impl Layout {
+            /// The algorithm whose section is there.
+            fn take_algorithm(&mut self) -> Option<Algorithm> {
+                $(
+                    if let Some(options) = self.$section.take() {
+                        return Some(Algorithm::$variant(options));
+                    }
+                )+
+                None
+            }
+        }
+
+        impl Algorithm {
+            /// Its name in configurations, and of its section.
+            pub const fn name(&self) -> &'static str {
+                match self {
+                    $(Self::$variant(_) => stringify!($section),)+
+                }
+            }
+
+            /// What it says of itself.
+            pub fn options(&self) -> &dyn LearningAlgorithm {
+                match self {
+                    $(Self::$variant(options) => options,)+
+                }
+            }
+
+            /// The same, to be changed.
+            pub fn options_mut(&mut self) -> &mut dyn LearningAlgorithm {
+                match self {
+                    $(Self::$variant(options) => options,)+
+                }
+            }
+        }
+    };
 }
 
-/// A learning algorithm and its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Algorithm {
-    /// Cross-entropy search over the actor's parameters.
-    Evolution(Evolution),
-    /// The paper's algorithm and its family.
-    Maddpg(Maddpg),
-    /// Proximal policy optimisation of one shared actor.
-    Ppo(ppo::Recipe),
+algorithms! {
+    /// Cross-entropy search over the parameters of one small actor that all vehicles share.
+    evolution: Evolution(Evolution),
+    /// The paper's modified multi-agent DDPG and its family.
+    maddpg: Maddpg(Maddpg),
+    /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole cell.
+    ppo: Ppo(ppo::Recipe),
 }
 
 /// A checked configuration.
@@ -113,6 +163,7 @@ impl Preset {
             Self::Evolution => include_str!("../presets/evolution.toml"),
             Self::Paper => include_str!("../presets/paper.toml"),
             Self::Companion => include_str!("../presets/companion.toml"),
+            Self::CompanionCode => include_str!("../presets/companion-code.toml"),
             Self::Freshlane => include_str!("../presets/freshlane.toml"),
             Self::Ppo => include_str!("../presets/ppo.toml"),
             Self::FineTune => include_str!("../presets/fine-tune.toml"),
@@ -151,52 +202,6 @@ impl Preset {
     }
 }
 
-impl Algorithm {
-    /// Its name in configurations, and of its section.
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::Evolution(_) => "evolution",
-            Self::Maddpg(_) => "maddpg",
-            Self::Ppo(_) => "ppo",
-        }
-    }
-
-    /// Which losses, where users write them.
-    pub fn losses_checksum(&self) -> Option<String> {
-        match self {
-            Self::Maddpg(options) => options.losses_checksum(),
-            Self::Evolution(_) | Self::Ppo(_) => None,
-        }
-    }
-
-    /// What its actors see and do.
-    const fn forms(&self) -> (ObservationForm, OutputForm) {
-        match self {
-            Self::Maddpg(maddpg) => (maddpg.observation, maddpg.action),
-            Self::Evolution(_) | Self::Ppo(_) => (ObservationForm::Ring, OutputForm::Actions),
-        }
-    }
-
-    /// Fewest and most vehicles of a cell of a mixture that does not say.
-    const fn vehicles(&self, scenario: &Scenario) -> [u32; 2] {
-        match self {
-            Self::Ppo(recipe) => recipe.vehicles(),
-            Self::Evolution(_) | Self::Maddpg(_) => [scenario.cell.vehicles; 2],
-        }
-    }
-
-    /// Checks keys against each other and the scenario.
-    fn check(&self, scenario: &Scenario) -> Result<()> {
-        let (observation, output) = self.forms();
-        forms::check_sub_channels("scenario.radio.sub_channels", scenario, observation, output)?;
-        match self {
-            Self::Evolution(evolution) => evolution.check(scenario),
-            Self::Maddpg(maddpg) => maddpg.check(scenario),
-            Self::Ppo(recipe) => recipe.check(),
-        }
-    }
-}
-
 impl ConfigurationSource {
     /// Reads and checks the configuration.
     ///
@@ -212,32 +217,31 @@ impl ConfigurationSource {
             Ok(layers)
         };
         let lowest = layers(scenario::Preset::Paper)?;
+        let mut layout: Layout = lowest.read()?;
+        let algorithm = layout.take_algorithm();
+        let algorithm =
+            algorithm.ok_or_else(|| Error::input("preset", "no algorithm", "the section of one"))?;
         let Layout {
             algorithm: asked,
-            evolution,
-            maddpg,
-            ppo,
             mixture,
             scenario,
-        } = lowest.read()?;
-        let algorithm = evolution
-            .map(Algorithm::Evolution)
-            .or(maddpg.map(Algorithm::Maddpg))
-            .or(ppo.map(Algorithm::Ppo))
-            .ok_or_else(|| Error::input("preset", "no algorithm", "evolution, maddpg or ppo"))?;
+            ..
+        } = layout;
         if asked != algorithm.name() {
             let expected = format!("{}, the algorithm of the preset", algorithm.name());
             return Err(Error::input("algorithm", format!("\"{asked}\""), expected));
         }
         scenario.check()?;
-        algorithm
-            .check(&scenario)
+        let (observation, output) = algorithm.options().forms();
+        let key = "scenario.radio.sub_channels";
+        forms::check_sub_channels(key, &scenario, observation, output)
+            .and_then(|()| algorithm.options().check(&scenario))
             .map_err(|error| lowest.located(error))?;
         let mixture = match mixture.unwrap_or_default() {
             cells if cells.is_empty() => Vec::new(),
             cells => {
                 let common = |preset| Ok(section(layers(preset)?.values(), "scenario"));
-                let read = Mixture::read(&cells, algorithm.vehicles(&scenario), common);
+                let read = Mixture::read(&cells, algorithm.options().vehicles(&scenario), common);
                 read.map_err(|error| lowest.located(error))?.cells().to_vec()
             }
         };
@@ -264,33 +268,31 @@ impl Configuration {
     /// The cells to learn in: those of the mixture, or the scenario alone.
     pub fn cells(&self) -> Mixture {
         match self.mixture.as_slice() {
-            [] => Mixture::alone(&self.scenario, self.algorithm.vehicles(&self.scenario)),
+            [] => Mixture::alone(&self.scenario, self.algorithm.options().vehicles(&self.scenario)),
             cells => Mixture::of(cells.to_vec()),
         }
     }
 
     /// Checks what depends on the cells.
     fn check(&self) -> Result<()> {
-        let (observation, output) = self.algorithm.forms();
+        let algorithm = self.algorithm.options();
+        let (observation, output) = algorithm.forms();
         for (index, cell) in self.mixture.iter().enumerate() {
             let key = format!("{}: radio.sub_channels", mixture::place(index));
             forms::check_sub_channels(&key, &cell.scenario, observation, output)?;
         }
-        match &self.algorithm {
-            Algorithm::Ppo(recipe) => recipe.check_cells(&self.cells()),
-            Algorithm::Evolution(_) | Algorithm::Maddpg(_) if self.mixture.is_empty() => Ok(()),
-            other => {
-                let expected = format!(
-                    "none with {}, which learns in `scenario` alone; ppo learns in mixtures",
-                    other.name()
-                );
-                Err(Error::input(
-                    "mixture",
-                    format!("{} cells", self.mixture.len()),
-                    expected,
-                ))
-            }
+        if !self.mixture.is_empty() && !algorithm.learns_in_mixtures() {
+            let expected = format!(
+                "none with {}, which learns in `scenario` alone; ppo learns in mixtures",
+                self.algorithm.name()
+            );
+            return Err(Error::input(
+                "mixture",
+                format!("{} cells", self.mixture.len()),
+                expected,
+            ));
         }
+        algorithm.check_cells(&self.cells())
     }
 
     /// The learner before its first episode.
@@ -298,18 +300,8 @@ impl Configuration {
     /// # Errors
     /// What the algorithm reads besides, such as an actor to begin with.
     pub fn learner(&self, seed: u64) -> Result<Box<dyn Learner>> {
-        match &self.algorithm {
-            Algorithm::Evolution(evolution) => Ok(Box::new(EvolutionLearner::new(
-                self.scenario.clone(),
-                evolution.clone(),
-                seed,
-            ))),
-            Algorithm::Maddpg(maddpg) => Ok(Box::new(MaddpgInCell::new(&self.scenario, maddpg, seed))),
-            Algorithm::Ppo(recipe) => {
-                let learner = PpoLearner::new(self.cells(), recipe.clone(), seed)?;
-                Ok(Box::new(learner))
-            }
-        }
+        let algorithm = self.algorithm.options();
+        algorithm.learner(&self.scenario, self.cells(), seed)
     }
 }
 

@@ -1,11 +1,14 @@
 //! Cross-entropy search (Rubinstein 1999): a normal distribution over the actor's parameters, drawn to its best samples.
 
+use crate::algorithm::LearningAlgorithm;
+use crate::first_networks::{self, Expected};
 use crate::game::cell::{Cell, Unpaid};
 use crate::game::{Game, Tally};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
+use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::network::perceptron::{Pass, Perceptron, Rows};
 use firmware::form::{ObservationForm, OutputForm};
@@ -17,10 +20,14 @@ use kit::keys;
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::json;
+use std::path::PathBuf;
 
 keys! {
     /// The search's parameters.
     pub struct Evolution {
+        /// Folder of the run whose actor the search begins around, such as one of `trainer distil`. Without one, around zero.
+        #[key(source = "chosen")]
+        pub first_actor: PathBuf,
         /// Generations.
         #[key(range = 1.0..=1e6, unit = "generations", source = "chosen")]
         pub episodes: u64,
@@ -52,12 +59,17 @@ keys! {
     }
 }
 
-impl Evolution {
-    /// Checks keys against each other and the scenario.
-    ///
-    /// # Errors
-    /// A key that does not go with another.
-    pub fn check(&self, scenario: &Scenario) -> Result<()> {
+impl LearningAlgorithm for Evolution {
+    fn episodes_mut(&mut self) -> &mut u64 {
+        &mut self.episodes
+    }
+
+    fn learner(&self, scenario: &Scenario, _alone: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
+        let learner = EvolutionLearner::new(scenario.clone(), self.clone(), seed)?;
+        Ok(Box::new(learner))
+    }
+
+    fn check(&self, scenario: &Scenario) -> Result<()> {
         let vehicles = scenario.cell.vehicles;
         if vehicles > u32::from(MAX_PLACES) {
             let expected = format!("at most {MAX_PLACES}, the places of a ring");
@@ -124,24 +136,46 @@ pub struct EvolutionLearner {
 }
 
 impl EvolutionLearner {
-    /// Before the first generation: all parameters around zero, but silence preferred.
-    pub fn new(scenario: Scenario, evolution: Evolution, seed: u64) -> Self {
+    /// Before the first generation: all parameters around zero, but silence preferred; or around those of the first actor.
+    ///
+    /// # Errors
+    /// The first actor's file, and what is wrong with it.
+    pub fn new(scenario: Scenario, evolution: Evolution, seed: u64) -> Result<Self> {
         let widths = widths(&evolution.hidden);
         let count = Perceptron::of_widths(&widths).parameters();
-        let mut mean = vec![0.0; count];
-        mean[count - OUTPUT.outputs()] = evolution.silence_bias;
+        let mean = if evolution.first_actor.as_os_str().is_empty() {
+            let mut mean = vec![0.0; count];
+            mean[count - OUTPUT.outputs()] = evolution.silence_bias;
+            mean
+        } else {
+            let expected = Expected {
+                key: "evolution.first_actor",
+                form: (OBSERVATION, OUTPUT),
+                widths: &widths,
+                count: 1,
+            };
+            parameters_by_inputs(&first_networks::actors(&evolution.first_actor, expected)?[0])
+        };
         let search = Search {
             mean,
             deviation: vec![evolution.first_deviation; count],
         };
-        Self {
+        Ok(Self {
             scenario,
             evolution,
             seed,
             done: 0,
             search,
-        }
+        })
     }
+}
+
+/// A network's parameters as the search has them, layer by layer: weights `[inputs][outputs]`, then biases.
+fn parameters_by_inputs(network: &Network) -> Vec<f32> {
+    let layers = network.layers().enumerate();
+    layers
+        .flat_map(|(index, layer)| [network.weights_by_inputs(index), layer.biases.to_vec()].concat())
+        .collect()
 }
 
 /// Inputs, hidden layers, actions.

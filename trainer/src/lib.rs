@@ -5,6 +5,7 @@
 
 pub mod actor_file;
 pub mod actor_table;
+pub mod algorithm;
 #[cfg(feature = "program")]
 pub mod command;
 pub mod configuration;
@@ -12,12 +13,13 @@ pub mod distil;
 pub mod evaluate;
 pub mod evolution;
 pub mod export;
+pub mod first_networks;
 pub mod forms;
 pub mod game;
-pub mod laboratory;
-#[cfg(feature = "program")]
 #[cfg(feature = "program")]
 pub mod interquartile;
+pub mod laboratory;
+#[cfg(feature = "program")]
 pub mod learning_curves;
 pub mod maddpg;
 pub mod mixture;

@@ -3,12 +3,13 @@
 use crate::actor_file;
 use crate::configuration::Configuration;
 use crate::laboratory::actors::Actors;
-use crate::laboratory::checkpoint::first_difference;
+use crate::laboratory::checkpoint::{Checksums, first_difference};
 use crate::laboratory::state::State;
 use kit::error::{Error, Result};
 use kit::files::{check_folder, remove, write_whole};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,8 @@ pub struct Checkpoint {
     pub place: String,
     /// The state.
     pub state: State,
+    /// Checksums of its parts.
+    pub parts: Checksums,
     /// Why it is not the newest, if it is not.
     pub damage: Option<Error>,
 }
@@ -41,6 +44,21 @@ pub struct RunIdentity {
     /// Which losses, where users write them: see [`crate::maddpg::options::Maddpg::losses_checksum`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub losses: Option<String>,
+    /// Episodes at which it was done and told to go on for more, the first first. What schedules there are then stretched over the new
+    /// length, so that this is another run than one that was told its last length at once.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lengths_before: Vec<u64>,
+}
+
+/// Which run may be in a folder already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GoOn {
+    /// None.
+    No,
+    /// This one, as far as it came.
+    Same,
+    /// This one, or this one with fewer episodes, which are done.
+    Longer,
 }
 
 impl RunIdentity {
@@ -49,14 +67,77 @@ impl RunIdentity {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
-            losses: configuration.algorithm.losses_checksum(),
+            losses: configuration.algorithm.options().losses_checksum(),
             configuration,
+            lengths_before: Vec::new(),
         }
+    }
+
+    /// Episodes of the run.
+    fn episodes(&self) -> u64 {
+        *self.configuration.algorithm.clone().options_mut().episodes_mut()
+    }
+
+    /// The same run with so many episodes, after these.
+    fn of_length(&self, episodes: u64, lengths_before: &[u64]) -> Self {
+        let mut other = self.clone();
+        *other.configuration.algorithm.options_mut().episodes_mut() = episodes;
+        other.lengths_before = lengths_before.to_vec();
+        other
+    }
+
+    /// What the run has been, as JSON: at each of its lengths, the last last. A checkpoint may be of any of them.
+    pub fn stages(&self) -> Vec<Value> {
+        let lengths = self
+            .lengths_before
+            .iter()
+            .chain([&self.episodes()])
+            .copied()
+            .collect::<Vec<_>>();
+        let stages = lengths.iter().enumerate();
+        stages
+            .map(|(index, &episodes)| self.of_length(episodes, &lengths[..index]).to_json())
+            .collect()
     }
 
     /// As JSON.
     pub fn to_json(&self) -> Value {
         serde_json::json!(self)
+    }
+
+    /// As the text of its file.
+    fn to_text(&self) -> String {
+        format!("{:#}\n", self.to_json())
+    }
+
+    /// What the run was told, by the names of the keys as settings have them, such as `ppo.clip`, and its seed.
+    pub fn told(&self) -> BTreeMap<String, Value> {
+        let Configuration {
+            scenario,
+            mixture,
+            algorithm,
+        } = &self.configuration;
+        let mut told = BTreeMap::from([("seed".to_owned(), self.seed.into())]);
+        name_keys("scenario", &serde_json::json!(scenario), &mut told);
+        if !mixture.is_empty() {
+            name_keys("mixture", &serde_json::json!(mixture), &mut told);
+        }
+        for (section, values) in serde_json::json!(algorithm).as_object().into_iter().flatten() {
+            name_keys(section, values, &mut told);
+        }
+        told
+    }
+}
+
+/// The values of a section by their dotted names.
+fn name_keys(name: &str, value: &Value, keys: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(section) => {
+            for (key, value) in section {
+                name_keys(&format!("{name}.{key}"), value, keys);
+            }
+        }
+        other => drop(keys.insert(name.to_owned(), other.clone())),
     }
 }
 
@@ -79,6 +160,16 @@ impl RunFolder {
     /// The state before, while the run is at work.
     fn previous_checkpoint(&self) -> PathBuf {
         self.0.join("checkpoint.previous.safetensors")
+    }
+
+    /// The parts of the states, a file each.
+    fn parts(&self) -> PathBuf {
+        self.0.join("replay")
+    }
+
+    /// A part's file.
+    fn part(&self, name: &str) -> PathBuf {
+        self.parts().join(format!("{name}.safetensors.gz"))
     }
 
     /// Metrics of every episode.
@@ -137,7 +228,7 @@ impl RunFolder {
     /// If there are checkpoints, and none can be read: what is wrong with the newest.
     pub fn newest_checkpoint(
         &self,
-        read: impl Fn(&str, &[u8]) -> Result<State>,
+        read: impl Fn(&str, &[u8]) -> Result<(State, Checksums)>,
     ) -> Result<Option<Checkpoint>> {
         let mut damage = None;
         for path in [self.checkpoint(), self.previous_checkpoint()] {
@@ -148,12 +239,53 @@ impl RunFolder {
                 Err(source) => Err(Error::file(&path, source)),
             };
             match (state, &damage) {
-                (Ok(state), _) => return Ok(Some(Checkpoint { place, state, damage })),
+                (Ok((state, parts)), _) => {
+                    return Ok(Some(Checkpoint {
+                        place,
+                        state,
+                        parts,
+                        damage,
+                    }));
+                }
                 (Err(error), None) => damage = Some(error),
                 (Err(_), Some(_)) => {}
             }
         }
         damage.map_or(Ok(None), Err)
+    }
+
+    /// The place and the bytes of a part's file.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read_part(&self, name: &str) -> Result<(String, Vec<u8>)> {
+        let path = self.part(name);
+        let bytes = std::fs::read(&path).map_err(|source| Error::file(&path, source))?;
+        Ok((path.display().to_string(), bytes))
+    }
+
+    /// Writes a part's file.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn keep_part(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        write_whole(&self.part(name), bytes)
+    }
+
+    /// Removes all files of parts but those of these names.
+    ///
+    /// # Errors
+    /// If one cannot be removed.
+    pub fn forget_parts_but(&self, names: &[&Checksums]) -> Result<()> {
+        let kept: BTreeSet<PathBuf> = names
+            .iter()
+            .flat_map(|names| names.keys().map(|name| self.part(name)))
+            .collect();
+        let files = std::fs::read_dir(self.parts()).into_iter().flatten().flatten();
+        files
+            .map(|file| file.path())
+            .filter(|path| !kept.contains(path))
+            .try_for_each(|path| remove(&path))
     }
 
     /// Writes a checkpoint, and keeps the one before.
@@ -230,30 +362,33 @@ impl RunFolder {
         check_same_run(&report, &found, task)
     }
 
-    /// Begins a run, or goes on with it, and keeps other processes out for as long as the returned file is held.
+    /// Begins a run, or goes on with one, and keeps other processes out for as long as the returned file is held; gives the run as the
+    /// folder has it now.
     ///
     /// # Errors
-    /// If the folder holds another run, this one without `resume`, or a process that works on it.
-    pub fn claim(&self, identity: &RunIdentity, resume: bool) -> Result<File> {
+    /// If the folder holds another run than may be in it, or a process that works on it.
+    pub fn claim(&self, asked: &RunIdentity, go_on: GoOn) -> Result<(File, RunIdentity)> {
         check_folder(&self.0)?;
         let path = self.identity();
-        let text = format!("{:#}\n", identity.to_json());
+        let mut identity = asked.clone();
         if path.exists() {
             match read_json(&path) {
-                Ok(found) => check_same_run(&path, &found, &identity.to_json())?,
+                Ok(found) if go_on == GoOn::Longer => identity = self.longer(&found, asked)?,
+                Ok(found) => check_same_run(&path, &found, &asked.to_json())?,
                 // Every checkpoint says its run too.
-                Err(error) => resume.then_some(()).ok_or(error)?,
+                Err(error) => (go_on != GoOn::No).then_some(()).ok_or(error)?,
             }
-            let whole = std::fs::read(&path).is_ok_and(|found| found == text.as_bytes());
-            if resume && !whole {
-                write_whole(&path, text.as_bytes())?;
-            }
-            if !resume {
+            if go_on == GoOn::No {
                 return Err(Error::input(
                     path.display(),
                     "this run already begun",
                     "--resume to go on with it, or another folder",
                 ));
+            }
+            let _before = lock(&path)?;
+            let text = identity.to_text();
+            if std::fs::read(&path).map_or(true, |found| found != text.as_bytes()) {
+                write_whole(&path, text.as_bytes())?;
             }
         } else {
             check_absent(&[
@@ -263,18 +398,45 @@ impl RunFolder {
                 self.table(),
                 self.report(),
             ])?;
-            write_whole(&path, text.as_bytes())?;
+            write_whole(&path, identity.to_text().as_bytes())?;
         }
-        let file = File::open(&path).map_err(|source| Error::file(&path, source))?;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(std::fs::TryLockError::WouldBlock) => Err(Error::input(
+        Ok((lock(&path)?, identity))
+    }
+
+    /// The run that was found, as long as the one that is asked for.
+    fn longer(&self, found: &Value, asked: &RunIdentity) -> Result<RunIdentity> {
+        let path = self.identity();
+        let of_this_version = serde_json::from_value(found.clone());
+        let of_this_version: RunIdentity =
+            of_this_version.map_err(|error| Error::input(path.display(), error, "a run of this version"))?;
+        let (before, episodes) = (of_this_version.episodes(), asked.episodes());
+        let mut lengths_before = of_this_version.lengths_before.clone();
+        let same = of_this_version.of_length(episodes, &[]);
+        check_same_run(&path, &same.to_json(), &asked.to_json())?;
+        if episodes < before || (episodes > before && !self.report().exists()) {
+            let found = match self.report().exists() {
+                true => format!("{before} episodes"),
+                false => format!("{before} episodes that are not done"),
+            };
+            return Err(Error::input(
                 path.display(),
-                "a process at work on this run",
-                "none",
-            )),
-            Err(std::fs::TryLockError::Error(source)) => Err(Error::file(&path, source)),
+                found,
+                format!("at most {episodes} that are done, to go on for more"),
+            ));
         }
+        if episodes > before {
+            lengths_before.push(before);
+        }
+        Ok(asked.of_length(episodes, &lengths_before))
+    }
+
+    /// Removes what a run leaves at its end: one that goes on has not come to it.
+    ///
+    /// # Errors
+    /// The file that cannot be removed.
+    pub fn forget_results(&self) -> Result<()> {
+        let results = [self.report(), self.table(), self.onnx(), self.parquet()];
+        results.iter().try_for_each(|path| remove(path))
     }
 
     /// What the run was told; `None` if the folder is not that of `train`.
@@ -297,6 +459,20 @@ impl RunFolder {
     /// The file and what is wrong with it.
     pub fn read_actors(&self) -> Result<Actors> {
         actor_file::read(&self.actors())
+    }
+}
+
+/// Keeps other processes away from a run for as long as the file is held.
+fn lock(path: &Path) -> Result<File> {
+    let file = File::open(path).map_err(|source| Error::file(path, source))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(std::fs::TryLockError::WouldBlock) => Err(Error::input(
+            path.display(),
+            "a process at work on this run",
+            "none",
+        )),
+        Err(std::fs::TryLockError::Error(source)) => Err(Error::file(path, source)),
     }
 }
 
@@ -350,17 +526,56 @@ mod tests {
         let run = RunFolder::new(folder.path());
         let configuration = Preset::Evolution.with(&[]).unwrap();
         let identity = |seed| RunIdentity::new(seed, configuration.clone());
-        let message = |seed, resume| run.claim(&identity(seed), resume).unwrap_err().to_string();
-        let lock = run.claim(&identity(1), false).unwrap();
-        assert!(message(1, false).contains("this run already begun"));
+        let message = |seed, go_on| run.claim(&identity(seed), go_on).unwrap_err().to_string();
+        let lock = run.claim(&identity(1), GoOn::No).unwrap();
+        assert!(message(1, GoOn::No).contains("this run already begun"));
         assert!(
-            message(2, true).contains("key seed: found 1, so another run, expected 2, or another folder")
+            message(2, GoOn::Same)
+                .contains("key seed: found 1, so another run, expected 2, or another folder")
         );
-        assert!(message(1, true).contains("a process at work"));
+        assert!(message(1, GoOn::Same).contains("a process at work"));
         drop(lock);
-        drop(run.claim(&identity(1), true).unwrap());
+        drop(run.claim(&identity(1), GoOn::Same).unwrap());
         std::fs::rename(run.identity(), run.report()).unwrap();
-        assert!(message(1, true).contains("a file of another run"));
+        assert!(message(1, GoOn::Same).contains("a file of another run"));
+    }
+
+    /// A run that is done goes on to more episodes, and remembers where it was done.
+    #[test]
+    fn a_run_that_is_done_goes_on_for_more() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let of = |episodes: u64, seed| {
+            let episodes = format!("evolution.episodes={episodes}");
+            RunIdentity::new(seed, Preset::Evolution.with(&[&episodes]).unwrap())
+        };
+        let claim =
+            |identity: &RunIdentity, go_on| run.claim(identity, go_on).map(|(_lock, identity)| identity);
+        let message = |identity: &RunIdentity, go_on| claim(identity, go_on).unwrap_err().to_string();
+        assert_eq!(claim(&of(5, 1), GoOn::Longer).unwrap(), of(5, 1));
+        assert!(message(&of(8, 1), GoOn::Same).contains("episodes: found 5, so another run, expected 8"));
+        assert!(message(&of(8, 1), GoOn::Longer).ends_with(
+            "found 5 episodes that are not done, expected at most 8 that are done, to go on for more"
+        ));
+        std::fs::write(run.report(), "{}").unwrap();
+        assert!(message(&of(8, 2), GoOn::Longer).contains("key seed: found 1, so another run, expected 2"));
+        assert!(
+            message(&of(4, 1), GoOn::Longer)
+                .ends_with("found 5 episodes, expected at most 4 that are done, to go on for more")
+        );
+        for (episodes, lengths_before) in [(8, vec![5]), (8, vec![5]), (9, vec![5, 8])] {
+            let longer = claim(&of(episodes, 1), GoOn::Longer).unwrap();
+            assert_eq!(
+                (longer.episodes(), &longer.lengths_before),
+                (episodes, &lengths_before)
+            );
+            assert_eq!(run.read_identity().unwrap(), Some(longer));
+        }
+        assert!(message(&of(9, 1), GoOn::Same).contains("key lengths_before: found [5,8], so another run"));
+        let stages = run.read_identity().unwrap().unwrap().stages();
+        assert_eq!(stages[0], of(5, 1).to_json());
+        assert_eq!(stages[1]["lengths_before"], serde_json::json!([5]));
+        assert_eq!(stages.len(), 3);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use crate::configuration::{Configuration, ConfigurationSource, Preset};
 use crate::evaluate::{exploring, float, quantised};
-use crate::run_folder::{RunFolder, RunIdentity};
+use crate::run_folder::{GoOn, RunFolder, RunIdentity};
 use crate::trained_actors::TrainedActors;
 use crate::training::{Conduct, train};
 use firmware::table::Table;
@@ -229,7 +229,7 @@ impl Plan {
     fn carry_out_one(&self, out: &Path, case: usize, seed: u64) -> Result<StudyRun> {
         let place = self.place(out, case, seed)?;
         let conduct = Conduct {
-            resume: true,
+            go_on: GoOn::Same,
             checkpoint_every: Duration::from_secs(30),
         };
         let forms = match place.finished() {
@@ -279,7 +279,10 @@ impl RunPlace {
     /// What came out, if the run is trained and was evaluated on the same worlds.
     fn finished(&self) -> Option<Vec<FormResult>> {
         let forms = read_evaluation(&self.evaluation(), &self.stamp)?;
-        RunFolder::new(&self.path).report().exists().then_some(forms)
+        let folder = RunFolder::new(&self.path);
+        // One that went on for more episodes is another.
+        let this = folder.read_identity().ok()? == Some(self.identity.clone());
+        (this && folder.report().exists()).then_some(forms)
     }
 }
 

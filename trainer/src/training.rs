@@ -2,24 +2,26 @@
 
 use crate::actor_file;
 use crate::actor_table::{actor_tables, check_widths};
-use crate::laboratory::checkpoint;
+use crate::laboratory::checkpoint::{self, Checksums};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::metrics_log::MetricsLog;
 use crate::laboratory::state::{State, Values};
 use crate::onnx;
-use crate::run_folder::{Checkpoint, RunFolder, RunIdentity};
+use crate::run_folder::{Checkpoint, GoOn, RunFolder, RunIdentity};
 use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::write_whole;
+use rayon::prelude::*;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// How a run is carried out; none of it changes the result.
 #[derive(Clone, Copy, Debug)]
 pub struct Conduct {
-    /// Go on with the run in the folder, if it has begun.
-    pub resume: bool,
+    /// Which run in the folder to go on with.
+    pub go_on: GoOn,
     /// Least time between two checkpoints.
     pub checkpoint_every: Duration,
 }
@@ -33,6 +35,10 @@ pub enum Progress<'m> {
         length: u64,
         /// Episodes done before.
         done: u64,
+        /// Bytes of a checkpoint.
+        checkpoint_bytes: u64,
+        /// Bytes of its parts at most, before they are packed; each is written once.
+        parts_bytes: u64,
     },
     /// A run that was to go on has no checkpoint, and begins anew.
     NoCheckpoint,
@@ -59,24 +65,40 @@ pub fn train(
 ) -> Result<Value> {
     let mut learner = identity.configuration.learner(identity.seed)?;
     let folder = RunFolder::new(out);
-    let _claim = folder.claim(identity, conduct.resume)?;
-    let run = identity.to_json();
-    let found = folder.newest_checkpoint(|place, bytes| checkpoint::from_bytes(place, bytes, &run))?;
+    let (_claim, identity) = folder.claim(identity, conduct.go_on)?;
+    let (run, stages) = (identity.to_json(), identity.stages());
+    let found = folder.newest_checkpoint(|place, bytes| {
+        checkpoint::from_bytes(place, bytes, &stages, |name| folder.read_part(name))
+    })?;
     if let Some(damage) = found.as_ref().and_then(|found| found.damage.as_ref()) {
         watch(&Progress::Damaged(damage));
         folder.return_to_previous_checkpoint()?;
     }
+    let mut saver = Saver::new(&folder, run);
     let mut log = match found {
-        Some(Checkpoint { place, state, .. }) => restore(learner.as_mut(), &folder, &place, state)?,
+        Some(Checkpoint {
+            place, state, parts, ..
+        }) => {
+            saver.parts = parts;
+            restore(learner.as_mut(), &folder, &place, state, identity.told())?
+        }
         None => {
-            if conduct.resume {
+            if conduct.go_on != GoOn::No {
                 watch(&Progress::NoCheckpoint);
             }
-            MetricsLog::new(&folder.metrics(), &folder.events())?
+            MetricsLog::new(&folder.metrics(), &folder.events(), identity.told())?
         }
     };
     let (length, before) = (learner.length(), learner.done());
-    watch(&Progress::Begun { length, done: before });
+    if before < length {
+        folder.forget_results()?;
+    }
+    watch(&Progress::Begun {
+        length,
+        done: before,
+        checkpoint_bytes: learner.state().tensors_bytes(),
+        parts_bytes: learner.parts_bytes(),
+    });
     let mut checkpointed = Instant::now();
     let mut saved = before;
     while learner.done() < length {
@@ -87,7 +109,7 @@ pub fn train(
             metrics: &metrics,
         });
         if checkpointed.elapsed() >= conduct.checkpoint_every || learner.done() == length {
-            save(learner.as_ref(), &folder, &run, &mut log)?;
+            saver.save(learner.as_ref(), &mut log)?;
             saved = learner.done();
             checkpointed = Instant::now();
         }
@@ -96,7 +118,9 @@ pub fn train(
         let found = format!("{saved} episodes");
         return Err(Error::input(folder.checkpoint().display(), found, length));
     }
-    conclude(learner.as_ref(), identity, &folder, &log)
+    let report = conclude(learner.as_ref(), &identity, &folder, &log)?;
+    saver.conclude()?;
+    Ok(report)
 }
 
 /// The tensor of a checkpoint that holds the text of the log.
@@ -108,6 +132,7 @@ fn restore(
     folder: &RunFolder,
     place: &str,
     mut state: State,
+    told: BTreeMap<String, Value>,
 ) -> Result<MetricsLog> {
     let text = match state.tensors.remove(LOG).map(|tensor| tensor.values) {
         Some(Values::U8(bytes)) => String::from_utf8(bytes).ok(),
@@ -115,21 +140,63 @@ fn restore(
     };
     let text = text.ok_or_else(|| Error::input(place, "no metrics", "those of all episodes"))?;
     learner.restore(state).map_err(|error| error.within(place))?;
-    MetricsLog::resume(place, &text, &folder.metrics(), &folder.events())
+    MetricsLog::resume(place, &text, &folder.metrics(), &folder.events(), told)
 }
 
-/// The checkpoint before stays beside the new one. A learner that holds anything but numbers ends the run, and
-/// leaves the last checkpoint that was sound.
-fn save(learner: &dyn Learner, folder: &RunFolder, run: &Value, log: &mut MetricsLog) -> Result<()> {
-    log.flush()?;
-    let mut state = learner.state();
-    state
-        .check_finite()
-        .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
-    let text = log.text().into_bytes();
-    state.put(LOG, &[text.len()], text);
-    folder.keep_checkpoint(&checkpoint::to_bytes(run, &state)?)?;
-    write_whole(&folder.actors(), &actor_file::to_bytes(&learner.actors())?)
+/// Writes checkpoints, each part of a state once.
+struct Saver<'f> {
+    folder: &'f RunFolder,
+    run: Value,
+    /// The parts of the last checkpoint.
+    parts: Checksums,
+    /// Those of the one before.
+    parts_before: Checksums,
+}
+
+impl<'f> Saver<'f> {
+    /// One that knows of no checkpoint.
+    fn new(folder: &'f RunFolder, run: Value) -> Self {
+        Self {
+            folder,
+            run,
+            parts: Checksums::new(),
+            parts_before: Checksums::new(),
+        }
+    }
+
+    /// Writes a checkpoint; the one before stays beside it. A learner that holds anything but numbers ends the run, and leaves the last
+    /// checkpoint that was sound.
+    fn save(&mut self, learner: &dyn Learner, log: &mut MetricsLog) -> Result<()> {
+        log.flush()?;
+        let mut state = learner.state();
+        state
+            .check_finite()
+            .map_err(|error| error.within(format!("after episode {}", learner.done())))?;
+        let text = log.text().into_bytes();
+        state.put(LOG, &[text.len()], text);
+        let parts = std::mem::take(&mut state.parts)
+            .into_par_iter()
+            .map(|(name, part)| {
+                if let Some(&checksum) = self.parts.get(&name) {
+                    return Ok((name, checksum));
+                }
+                let (checksum, bytes) = checkpoint::part_to_bytes(&part)?;
+                self.folder.keep_part(&name, &bytes)?;
+                Ok((name, checksum))
+            })
+            .collect::<Result<Checksums>>()?;
+        let bytes = checkpoint::to_bytes(&self.run, &state, &parts)?;
+        self.folder.keep_checkpoint(&bytes)?;
+        self.parts_before = std::mem::replace(&mut self.parts, parts);
+        self.folder.forget_parts_but(&[&self.parts, &self.parts_before])?;
+        write_whole(&self.folder.actors(), &actor_file::to_bytes(&learner.actors())?)
+    }
+
+    /// Leaves the last checkpoint alone.
+    fn conclude(self) -> Result<()> {
+        self.folder.forget_previous_checkpoint()?;
+        self.folder.forget_parts_but(&[&self.parts])
+    }
 }
 
 /// Writes what a finished run leaves behind.
@@ -172,7 +239,6 @@ fn conclude(
         "last": log.last().collect::<serde_json::Map<_, _>>(),
     });
     folder.write(&actors, table.as_ref().map(WeightTable::bytes), &report)?;
-    folder.forget_previous_checkpoint()?;
     Ok(report)
 }
 
@@ -223,12 +289,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::new(folder.path());
         let mut learner = Preset::Evolution.with(&[]).unwrap().learner(1).unwrap();
-        let mut log = MetricsLog::new(&run.metrics(), &run.events()).unwrap();
-        save(learner.as_ref(), &run, &Value::Null, &mut log).unwrap();
+        let mut log = MetricsLog::new(&run.metrics(), &run.events(), BTreeMap::new()).unwrap();
+        let mut saver = Saver::new(&run, Value::Null);
+        saver.save(learner.as_ref(), &mut log).unwrap();
         let saved = || [run.checkpoint(), run.actors()].map(|path| std::fs::read(path).unwrap());
         let before = saved();
         let _metrics = learner.advance();
-        let failure = save(&Diverged(learner), &run, &Value::Null, &mut log).unwrap_err();
+        let failure = saver.save(&Diverged(learner), &mut log).unwrap_err();
         assert_eq!(
             failure.to_string(),
             "after episode 1: deviation: found NaN, expected finite numbers"

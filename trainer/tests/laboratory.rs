@@ -90,6 +90,7 @@ fn a_run_killed_twenty_times_ends_in_the_same_bytes() {
         "table.bin",
         "report.json",
         "run.json",
+        "events.out.tfevents.0.freshlane",
     ] {
         assert!(
             read(whole.join(name)).unwrap() == read(killed.join(name)).unwrap(),
@@ -140,12 +141,53 @@ fn other_runs_and_spoiled_files_are_refused_and_left_alone() {
     assert_eq!(read(&checkpoint).unwrap(), before);
 }
 
-/// Names and contents of all files but TensorBoard's, which holds times.
+/// A run that is done goes on for more episodes; killed there, it comes to the same bytes. It is not the run that was told so many at
+/// once: that one's schedules were longer from the start.
+#[test]
+fn a_run_that_is_done_goes_on_to_the_same_bytes_however_often_it_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    let run = |out: &Path, episodes: u32, more: &[&str]| {
+        let episodes = format!("evolution.episodes={episodes}");
+        let arguments = [&TINY[..], &["--set", &episodes], more].concat();
+        command(&arguments, out)
+    };
+    for out in [&whole, &killed] {
+        let _report = success(&run(out, 4, &[]).output().unwrap());
+    }
+    let report = success(&run(&whole, 120, &["--extend"]).output().unwrap());
+    assert_eq!(report["episodes"], 120);
+    let mut stream = random::initial(8, 0);
+    let mut kills = 0;
+    for _ in 0..8 {
+        let mut child = run(&killed, 120, &["--extend", "--checkpoint-every", "0"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(15 + u64::from(stream.below(60))));
+        child.kill().unwrap();
+        kills += u32::from(child.wait().unwrap().code().is_none());
+    }
+    assert!(kills >= 4, "only {kills} runs were killed at work");
+    assert_eq!(
+        success(&run(&killed, 120, &["--extend"]).output().unwrap()),
+        report
+    );
+    assert_eq!(files(&killed), files(&whole));
+    let again = refusal(run(&whole, 120, &["--resume"]).output().unwrap());
+    assert!(
+        again.contains("key lengths_before: found [4], so another run"),
+        "{again}"
+    );
+}
+
+/// Names and contents of all files but those that the killed have just left half-written: they are swept up when they are old.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let entries = std::fs::read_dir(folder).unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut files: Vec<_> = names
-        .filter(|name| !name.starts_with("events"))
+        .filter(|name| !name.ends_with(".partial"))
         .map(|name| (name.clone(), read(folder.join(name)).unwrap()))
         .collect();
     files.sort();
@@ -225,7 +267,7 @@ fn every_key_is_explained() {
     assert!(one.contains("\n  in preset freshlane: \"slot\""));
     let section = text("evolution");
     let keys: Vec<&str> = section.lines().filter(|line| !line.starts_with(' ')).collect();
-    assert_eq!(keys.len(), 9, "{section}");
+    assert_eq!(keys.len(), 10, "{section}");
     assert!(keys.iter().all(|key| key.starts_with("evolution.")));
     assert_eq!(
         refusal(trainer(&["explain", "maddpg.nois"])),

@@ -7,10 +7,10 @@ use trainer::configuration::{Algorithm, Configuration, ConfigurationSource, Pres
 use trainer::game::Game;
 use trainer::game::toy::Turns;
 use trainer::laboratory::learner::Learner;
-use trainer::laboratory::state::State;
+use trainer::laboratory::state::{State, Values};
 use trainer::maddpg::in_cell::MaddpgInCell;
 use trainer::maddpg::learner::MaddpgLearner;
-use trainer::maddpg::options::{Backend, CriticForm, Maddpg};
+use trainer::maddpg::options::{Backend, CriticForm, GlobalWeight, Maddpg, StartAges};
 
 const TOY_WORLDS: usize = 16;
 const TOY_SLOTS: u32 = 12;
@@ -142,7 +142,9 @@ fn run(learner: &mut MaddpgInCell, episodes: u64) -> State {
 
 #[test]
 fn a_restored_run_continues_bit_for_bit() {
-    let in_the_papers_form = BACKENDS.iter().map(|&backend| (Preset::Companion, backend));
+    let in_the_papers_form = BACKENDS
+        .iter()
+        .flat_map(|&backend| [Preset::Companion, Preset::CompanionCode].map(|preset| (preset, backend)));
     for (form, backend) in in_the_papers_form.chain([(Preset::Freshlane, Backend::Own)]) {
         let undisturbed = run(&mut small_on(form, backend), 6);
         let saved = run(&mut small_on(form, backend), 4);
@@ -174,10 +176,63 @@ fn a_state_of_another_geometry_is_refused() {
         .restore(run(&mut small(Preset::Companion), 1))
         .unwrap_err()
         .to_string();
-    assert!(
-        message.starts_with("actors.0.parameters: found f32 of shape"),
-        "{message}"
+    assert_eq!(message, "actors: found 20 networks, expected 1");
+    // One that does not know whose agents ended.
+    let mut state = run(&mut other, 1);
+    let part = state.parts.get_mut("replay.00000000").unwrap();
+    let _ended = part.0.remove("ended").unwrap();
+    let message = small(Preset::Freshlane).restore(state).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "replay.00000000: ended: found no such tensor, expected u8 of shape [20, 4, 20]"
     );
+}
+
+/// With the global term off no vehicle hears what the global critics say, and with the time limit as an end they say it of nothing.
+#[test]
+fn actors_do_not_hear_detached_global_critics() {
+    let trained = |noise: f32| {
+        let mut learner = small(Preset::CompanionCode);
+        let first = learner.learner.networks();
+        let mut state = learner.state();
+        for (name, tensor) in &mut state.tensors {
+            if let (true, Values::F32(values)) = (name.starts_with("global_critics"), &mut tensor.values) {
+                values.iter_mut().for_each(|value| *value += noise);
+            }
+        }
+        learner.restore(state).unwrap();
+        let _state = run(&mut learner, 2);
+        (first, learner.learner.networks())
+    };
+    let ((first, as_they_are), (_, disturbed)) = (trained(0.0), trained(0.1));
+    assert!(as_they_are != first, "actors learn");
+    assert!(as_they_are == disturbed);
+}
+
+/// Where an episode ends the next one begins; in new places.
+#[test]
+fn ages_are_kept_over_episodes() {
+    let kept = |learner: &MaddpgInCell| match learner.state().take_f32("ages", &[1, 20]) {
+        Ok(ages) => ages,
+        Err(error) => panic!("{error}"),
+    };
+    let mut learner = small(Preset::CompanionCode);
+    assert_eq!(kept(&learner), [100.0; 20]);
+    let _metrics = learner.advance();
+    let first = kept(&learner);
+    assert!(
+        first.iter().any(|&age| age > 100.0) && first != [120.0; 20],
+        "{first:?}"
+    );
+    let _metrics = learner.advance();
+    // Twenty slots later nobody who was not received is younger.
+    let second = kept(&learner);
+    let all = first.iter().zip(&second);
+    assert!(
+        all.clone()
+            .all(|(before, after)| *after <= 20.0 || *after == before + 20.0)
+    );
+    assert!(all.clone().any(|(before, after)| *after == before + 20.0));
 }
 
 #[test]
@@ -209,6 +264,16 @@ fn contradictory_options_are_refused_by_name() {
         message(&never_enough),
         "maddpg: found maddpg.batch = 197 with maddpg.replay = 250, expected at most the 196 transitions of the episodes that \
          the replay holds"
+    );
+    assert!(
+        message(&|options| {
+            (options.global_weight, options.local_critics) = (GlobalWeight::None, false);
+        })
+        .ends_with("expected one of the two terms: actors have nothing else to learn from")
+    );
+    assert!(
+        message(&|options| (options.start_ages, options.phase_resets) = (StartAges::Kept, 0.5))
+            .ends_with("expected 0, or maddpg.start_ages = \"drawn\"")
     );
     assert!(message(&|options| options.warm_up_slots = 100_001).contains("at most the 100000 transitions"));
     assert!(message(&|options| options.entropy = 0.1).ends_with(

@@ -2,7 +2,7 @@
 
 use crate::configuration::{ConfigurationSource, Preset};
 use crate::laboratory::learner::{Metrics, name};
-use crate::run_folder::{RunFolder, RunIdentity};
+use crate::run_folder::{GoOn, RunFolder, RunIdentity};
 use crate::training::{Conduct, Progress, train};
 use host_sim::command::options::{choice, progress_bar};
 use host_sim::thread_pool;
@@ -36,6 +36,10 @@ pub struct TrainArguments {
     /// Go on with the run in the folder, if it has begun
     #[arg(long)]
     pub resume: bool,
+    /// Go on with the run in the folder although it was done after fewer episodes; schedules stretch over the new length. If it is
+    /// interrupted, --extend again goes on
+    #[arg(long, conflicts_with = "resume")]
+    pub extend: bool,
     /// Seconds between two checkpoints; with 0, one after each episode
     #[arg(long, value_name = "SECONDS", default_value_t = 30)]
     pub checkpoint_every: u64,
@@ -59,13 +63,27 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
     };
     let identity = RunIdentity::new(arguments.seed, source.read()?);
     let conduct = Conduct {
-        resume: arguments.resume,
+        go_on: match (arguments.resume, arguments.extend) {
+            (_, true) => GoOn::Longer,
+            (true, false) => GoOn::Same,
+            (false, false) => GoOn::No,
+        },
         checkpoint_every: Duration::from_secs(arguments.checkpoint_every),
     };
     let quiet = arguments.json;
     let mut display: Option<Display> = None;
     let watch = |progress: &Progress<'_>| match *progress {
-        Progress::Begun { length, done } => display = Some(Display::new(length, done, quiet)),
+        Progress::Begun {
+            length,
+            done,
+            checkpoint_bytes,
+            parts_bytes,
+        } => {
+            if !quiet {
+                kit::remark!("{}", size(arguments, checkpoint_bytes, parts_bytes));
+            }
+            display = Some(Display::new(length, done, quiet));
+        }
         Progress::Damaged(error) => kit::remark!("{error}; the run goes on from the checkpoint before"),
         Progress::NoCheckpoint if quiet => {}
         Progress::NoCheckpoint => {
@@ -98,6 +116,23 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// What checkpoints take of the disk, before it is taken.
+fn size(arguments: &TrainArguments, checkpoint_bytes: u64, parts_bytes: u64) -> String {
+    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
+    let mut text = format!(
+        "checkpoint every {} s: {}, twice while the run is at work",
+        arguments.checkpoint_every,
+        megabytes(checkpoint_bytes)
+    );
+    if parts_bytes > 0 {
+        text += &format!(
+            "; beside it up to {} of replay, packed, each episode once",
+            megabytes(parts_bytes)
+        );
+    }
+    text
 }
 
 /// The metrics that every algorithm has, for a line.

@@ -101,6 +101,11 @@ impl<'s, R: Rules> Cell<'s, R> {
         cell
     }
 
+    /// The worlds as they stand.
+    pub fn environment(&self) -> &Environment<'s> {
+        &self.environment
+    }
+
     fn sense(&mut self) {
         self.sensed.clear();
         for world in 0..self.environment.worlds() {

@@ -1,6 +1,9 @@
-//! A learner's state as a safetensors file that says which run it belongs to.
+//! A learner's state as a safetensors file that says which run it belongs to; its parts, which never change, as files of their own.
 
-use super::state::{State, Tensor, Values};
+use super::state::{Part, State, Tensor, Values};
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
 use kit::error::{Error, Result};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use safetensors::{SafeTensorError, SafeTensors};
@@ -8,6 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
+use std::io::{Read as _, Write as _};
 
 /// The one key of a file's metadata. One, because safetensors writes several in no fixed order.
 const METADATA: &str = "freshlane";
@@ -21,12 +25,20 @@ struct Header {
     counters: Value,
     /// Of the counters and all tensors: a damaged file is no other state.
     checksum: u64,
+    /// The checksum of each part.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    parts: Checksums,
 }
+
+/// The checksums of parts by their names.
+pub type Checksums = BTreeMap<String, u64>;
+
+/// CRC-64/XZ, sixteen bytes at a time: checkpoints are large.
+const CHECKSUM: crc::Crc<u64, crc::Table<16>> = crc::Crc::<u64, crc::Table<16>>::new(&crc::CRC_64_XZ);
 
 /// CRC-64/XZ of what a file says and of all its tensors, names and little-endian values, in the order of their names.
 pub(crate) fn checksum(said: &Value, tensors: &BTreeMap<String, Tensor>) -> u64 {
-    let crc = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
-    let mut digest = crc.digest();
+    let mut digest = CHECKSUM.digest();
     digest.update(said.to_string().as_bytes());
     for (name, tensor) in tensors {
         digest.update(name.as_bytes());
@@ -35,31 +47,85 @@ pub(crate) fn checksum(said: &Value, tensors: &BTreeMap<String, Tensor>) -> u64 
     digest.finalize()
 }
 
-/// The file's bytes.
+/// The bytes of the file that holds a state without its parts, which are told by their checksums.
 ///
 /// # Errors
 /// If the format cannot hold the state.
-pub fn to_bytes(run: &Value, state: &State) -> Result<Vec<u8>> {
+pub fn to_bytes(run: &Value, state: &State, parts: &Checksums) -> Result<Vec<u8>> {
     let header = Header {
         run: run.clone(),
         counters: state.counters.clone(),
         checksum: checksum(&state.counters, &state.tensors),
+        parts: parts.clone(),
     };
     to_safetensors(&state.tensors, &serde_json::json!(header))
 }
 
-/// Reads a checkpoint of this run.
+/// Reads a checkpoint of one of these stages of a run, the last last, and the checksums of its parts; `read_part` gives the place and
+/// the bytes of a part's file.
 ///
 /// # Errors
-/// If the file is no whole checkpoint, or that of another run.
-pub fn from_bytes(place: &str, bytes: &[u8], run: &Value) -> Result<State> {
+/// If a file is not whole, or that of another run.
+pub fn from_bytes(
+    place: &str,
+    bytes: &[u8],
+    stages: &[Value],
+    read_part: impl Fn(&str) -> Result<(String, Vec<u8>)>,
+) -> Result<(State, Checksums)> {
     let (header, tensors): (Header, _) = from_safetensors(place, bytes)?;
-    if let Some((key, found, expected)) = first_difference(&header.run, run) {
+    let of = |stage| first_difference(&header.run, stage);
+    if !stages.iter().any(|stage| of(stage).is_none())
+        && let Some((key, found, expected)) = stages.last().and_then(of)
+    {
         return Err(Error::input(format!("{place}: key {key}"), found, expected));
     }
     check(place, header.checksum, &header.counters, &tensors)?;
-    let counters = header.counters;
-    Ok(State { tensors, counters })
+    let mut state = State::new(header.counters);
+    state.tensors = tensors;
+    for (name, &checksum) in &header.parts {
+        let (place, bytes) = read_part(name)?;
+        let part = part_from_bytes(&place, &bytes, checksum)?;
+        let _new = state.parts.insert(name.clone(), part);
+    }
+    Ok((state, header.parts))
+}
+
+/// The state of a checkpoint of whichever run, without its parts.
+///
+/// # Errors
+/// If the file is not whole.
+pub fn of_any_run(place: &str, bytes: &[u8]) -> Result<State> {
+    let (header, tensors): (Header, _) = from_safetensors(place, bytes)?;
+    check(place, header.checksum, &header.counters, &tensors)?;
+    let mut state = State::new(header.counters);
+    state.tensors = tensors;
+    Ok(state)
+}
+
+/// The checksum of a part and the bytes of its file, which is packed: what a replay holds are small numbers, each many times.
+///
+/// # Errors
+/// If the format cannot hold the part.
+pub fn part_to_bytes(part: &Part) -> Result<(u64, Vec<u8>)> {
+    let bytes = to_safetensors(&part.0, &Value::Null)?;
+    let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+    let packed = packed.write_all(&bytes).and_then(|()| packed.finish());
+    let packed = packed.map_err(|error| Error::input("part", error, "one that can be packed"))?;
+    Ok((checksum(&Value::Null, &part.0), packed))
+}
+
+/// Reads a part's file.
+///
+/// # Errors
+/// If it is not what was written.
+fn part_from_bytes(place: &str, bytes: &[u8], checksum: u64) -> Result<Part> {
+    let mut unpacked = Vec::new();
+    GzDecoder::new(bytes)
+        .read_to_end(&mut unpacked)
+        .map_err(|error| Error::input(place, error, "a whole part of a checkpoint"))?;
+    let (_null, tensors): (Value, _) = from_safetensors(place, &unpacked)?;
+    check(place, checksum, &Value::Null, &tensors)?;
+    Ok(Part(tensors))
 }
 
 /// Refuses what is not what was written.
@@ -214,22 +280,41 @@ mod tests {
         let mut state = State::new(json!({ "done": 7 }));
         state.put("weights", &[2, 2], vec![1.0_f32, -0.0, f32::MIN_POSITIVE, 3.5]);
         state.put("actions", &[3], vec![0_u8, 1, 255]);
+        let mut part = Part::default();
+        part.put("known", &[500], vec![0.25_f32; 500]);
+        let _new = state.parts.insert("replay.7".to_owned(), part);
         state
     }
 
+    /// The files of a state: of itself, and of its one part.
+    fn written(run: &Value) -> [Vec<u8>; 2] {
+        let state = state();
+        let (checksum, part) = part_to_bytes(&state.parts["replay.7"]).unwrap();
+        let parts = BTreeMap::from([("replay.7".to_owned(), checksum)]);
+        [to_bytes(run, &state, &parts).unwrap(), part]
+    }
+
+    fn read(bytes: &[u8], part: &[u8], run: &Value) -> Result<State> {
+        let read = from_bytes("file", bytes, std::slice::from_ref(run), |name| {
+            Ok((name.to_owned(), part.to_vec()))
+        });
+        read.map(|(state, _)| state)
+    }
+
     #[test]
-    fn states_survive_a_file() {
+    fn states_survive_their_files() {
         let run = json!({ "seed": 1 });
-        let bytes = to_bytes(&run, &state()).unwrap();
-        assert_eq!(bytes, to_bytes(&run, &state()).unwrap());
-        assert_eq!(from_bytes("file", &bytes, &run).unwrap(), state());
+        let [bytes, part] = written(&run);
+        assert_eq!([&bytes, &part], [&written(&run)[0], &written(&run)[1]]);
+        assert!(part.len() < 500, "packed: {}", part.len());
+        assert_eq!(read(&bytes, &part, &run).unwrap(), state());
     }
 
     #[test]
     fn truncated_damaged_foreign_and_other_runs_checkpoints_are_refused() {
         let run = json!({ "seed": 1, "algorithm": { "ppo": { "hidden": [64, 64] } } });
-        let bytes = to_bytes(&run, &state()).unwrap();
-        let message = |bytes: &[u8], run: &Value| from_bytes("file", bytes, run).unwrap_err().to_string();
+        let [bytes, part] = written(&run);
+        let message = |bytes: &[u8], run: &Value| read(bytes, &part, run).unwrap_err().to_string();
         for length in [0, 7, 100, bytes.len() - 1] {
             let message = message(&bytes[..length], &run);
             assert!(message.starts_with("file: found "), "{message}");
@@ -237,6 +322,13 @@ mod tests {
         let mut damaged = bytes.clone();
         *damaged.last_mut().unwrap() ^= 1;
         assert!(message(&damaged, &run).starts_with("file: checksum: found "));
+        for length in [0, 5, part.len() / 2, part.len() - 1] {
+            let cut = read(&bytes, &part[..length], &run).unwrap_err().to_string();
+            assert!(cut.starts_with("replay.7: found "), "{cut}");
+        }
+        let (_checksum, other) = part_to_bytes(&Part::default()).unwrap();
+        let other = read(&bytes, &other, &run).unwrap_err().to_string();
+        assert!(other.starts_with("replay.7: checksum: found "), "{other}");
         let foreign = serialize([("a", TensorView::new(Dtype::U8, vec![1], &[1]).unwrap())], None).unwrap();
         assert_eq!(
             message(&foreign, &run),

@@ -24,6 +24,11 @@ pub trait Learner {
     /// streams.
     fn state(&self) -> State;
 
+    /// Bytes that the parts of its states take at most.
+    fn parts_bytes(&self) -> u64 {
+        0
+    }
+
     /// Goes back to a state.
     ///
     /// # Errors

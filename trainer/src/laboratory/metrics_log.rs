@@ -1,19 +1,18 @@
 //! Metrics of all episodes: CSV and TensorBoard files that grow while the run does, and a Parquet file at its end.
 //!
-//! A checkpoint holds the CSV's text, so that a run goes on whatever became of the files: the CSV is written anew, and the event
-//! file, which has one record for each episode behind one that begins it, is cut back to the checkpoint's episodes, or written
-//! anew if it has not all of them. Its times are all that then differs from an undisturbed run.
+//! A checkpoint holds the CSV's text, so that a run goes on whatever became of the files: both are written anew. The event file's times
+//! are episodes, so that it is the same file whenever the run was at work.
 
-use super::learner::Metrics;
+use super::learner::{Metrics, name};
 use super::tensorboard;
 use host_sim::report::table::{Column, Table};
 use kit::error::{Error, Result};
 use kit::files::{remove, write_whole};
 use serde_json::Value;
-use std::fs::{File, OpenOptions};
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The column of episodes, from 1.
 const EPISODE: &str = "episode";
@@ -22,6 +21,8 @@ const EPISODE: &str = "episode";
 pub struct MetricsLog {
     csv: PathBuf,
     events: PathBuf,
+    /// What the run was told, for the event file.
+    told: BTreeMap<String, Value>,
     names: Vec<String>,
     rows: Vec<Vec<f64>>,
     /// Rows that the event file already has.
@@ -29,16 +30,17 @@ pub struct MetricsLog {
 }
 
 impl MetricsLog {
-    /// A log without episodes; files of an earlier one go.
+    /// A log without episodes of a run that was told this; files of an earlier one go.
     ///
     /// # Errors
     /// If they cannot be removed.
-    pub fn new(csv: &Path, events: &Path) -> Result<Self> {
+    pub fn new(csv: &Path, events: &Path, told: BTreeMap<String, Value>) -> Result<Self> {
         remove(csv)?;
         remove(events)?;
         Ok(Self {
             csv: csv.to_owned(),
             events: events.to_owned(),
+            told,
             names: Vec::new(),
             rows: Vec::new(),
             written: 0,
@@ -49,18 +51,22 @@ impl MetricsLog {
     ///
     /// # Errors
     /// If it is no such text, which `place` names then, or the files cannot be written.
-    pub fn resume(place: &str, text: &str, csv: &Path, events: &Path) -> Result<Self> {
+    pub fn resume(
+        place: &str,
+        text: &str,
+        csv: &Path,
+        events: &Path,
+        told: BTreeMap<String, Value>,
+    ) -> Result<Self> {
         let mut lines = text.lines();
         let mut names = lines.next().unwrap_or_default().split(',');
         if names.next() != Some(EPISODE) {
             return Err(Error::input(place, "another header", "that of metrics"));
         }
+        let names = names.map(str::to_owned).collect();
         let mut log = Self {
-            csv: csv.to_owned(),
-            events: events.to_owned(),
-            names: names.map(str::to_owned).collect(),
-            rows: Vec::new(),
-            written: 0,
+            names,
+            ..Self::new(csv, events, told)?
         };
         for (index, line) in lines.enumerate() {
             let row: Option<Vec<f64>> = line.split(',').skip(1).map(read_number).collect();
@@ -68,14 +74,6 @@ impl MetricsLog {
             let expected = || format!("the metrics of episode {}", index + 1);
             log.rows
                 .push(row.ok_or_else(|| Error::input(place, line, expected()))?);
-        }
-        let bytes = std::fs::read(events).unwrap_or_default();
-        match tensorboard::length_of(&bytes, log.rows.len() as u64 + 1) {
-            Some(length) => {
-                cut(events, length)?;
-                log.written = log.rows.len();
-            }
-            None => remove(events)?,
         }
         log.flush()?;
         Ok(log)
@@ -119,17 +117,14 @@ impl MetricsLog {
     /// # Errors
     /// If they cannot be written.
     pub fn flush(&mut self) -> Result<()> {
-        // Only for TensorBoard's axis of time; nothing is computed from it.
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
-        let wall_time_s = now.map_or(0.0, |since| since.as_secs_f64());
         let mut events = Vec::new();
         if self.written == 0 {
-            events = tensorboard::header(wall_time_s);
+            events = tensorboard::header(&self.told, &[name::AGE, name::REWARD]);
         }
         for (index, row) in self.rows.iter().enumerate().skip(self.written) {
             let known = self.names.iter().map(String::as_str).zip(row.iter().copied());
             let known = known.filter(|(_, value)| !value.is_nan());
-            events.extend(tensorboard::scalars(wall_time_s, index as u64 + 1, known));
+            events.extend(tensorboard::scalars(index as u64 + 1, known));
         }
         append(&self.events, &events)?;
         self.written = self.rows.len();
@@ -178,12 +173,6 @@ fn append(path: &Path, bytes: &[u8]) -> Result<()> {
         .map_err(|source| Error::file(path, source))
 }
 
-fn cut(path: &Path, length: u64) -> Result<()> {
-    let file = File::options().write(true).open(path);
-    file.and_then(|file| file.set_len(length))
-        .map_err(|source| Error::file(path, source))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -200,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_is_cut_back_grows_to_the_same_files() {
+    fn a_log_that_goes_on_grows_to_the_same_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let (csv, events, parquet) = (path("m.csv"), path("events"), path("m.parquet"));
@@ -214,22 +203,20 @@ mod tests {
             }
             log.flush().unwrap();
             log.write_parquet(&parquet).unwrap();
-            let events = std::fs::read(&events).unwrap();
-            (log.text(), events.len(), std::fs::read(&parquet).unwrap())
+            let read = |path: &Path| std::fs::read(path).unwrap();
+            (log.text(), read(&events), read(&parquet))
         };
-        let undisturbed = run(MetricsLog::new(&csv, &events).unwrap(), 9);
-        let (text, length, _) = &undisturbed;
+        let told = || BTreeMap::from([("seed".to_owned(), Value::from(1))]);
+        let undisturbed = run(MetricsLog::new(&csv, &events, told()).unwrap(), 9);
+        let (text, ..) = &undisturbed;
         assert!(text.starts_with("episode,mean_age_ms,loss\n1,0.1,\n2,0.2,\n3,"));
         assert_eq!(&std::fs::read_to_string(&csv).unwrap(), text);
         let four: String = text.split_inclusive('\n').take(5).collect();
-        let resume = || MetricsLog::resume("checkpoint", &four, &csv, &events).unwrap();
+        let resume = || MetricsLog::resume("checkpoint", &four, &csv, &events, told()).unwrap();
         assert_eq!(run(resume(), 9), undisturbed);
         // Whatever became of the files.
         std::fs::write(&csv, "nonsense").unwrap();
-        cut(&events, *length as u64 - 3).unwrap();
-        assert_eq!(run(resume(), 9), undisturbed);
-        remove(&csv).unwrap();
-        cut(&events, 40).unwrap();
+        remove(&events).unwrap();
         assert_eq!(run(resume(), 9), undisturbed);
     }
 }

@@ -30,7 +30,14 @@ pub struct State {
     pub tensors: BTreeMap<String, Tensor>,
     /// Counters and positions of random streams. Integers of 64 bits survive; floats survive to the bit if finite.
     pub counters: serde_json::Value,
+    /// What never changes once it is there, such as an episode of a replay: a checkpoint writes each once. By name, with the same name
+    /// for the same thing in every state of a run.
+    pub parts: BTreeMap<String, Part>,
 }
+
+/// Tensors of a state that never change once they are there, by name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Part(pub BTreeMap<String, Tensor>);
 
 impl Values {
     /// How many.
@@ -72,6 +79,7 @@ impl State {
         Self {
             tensors: BTreeMap::new(),
             counters,
+            parts: BTreeMap::new(),
         }
     }
 
@@ -80,18 +88,7 @@ impl State {
     /// # Panics
     /// If the number of values is not the shape's product, or the name is taken.
     pub fn put(&mut self, name: impl Into<String>, shape: &[usize], values: impl Into<Values>) {
-        let (name, values) = (name.into(), values.into());
-        assert_eq!(
-            shape.iter().product::<usize>(),
-            values.len(),
-            "values of tensor {name}"
-        );
-        let tensor = Tensor {
-            shape: shape.to_vec(),
-            values,
-        };
-        let before = self.tensors.insert(name.clone(), tensor);
-        assert!(before.is_none(), "tensor {name} twice");
+        put(&mut self.tensors, name.into(), shape, values.into());
     }
 
     /// Takes a tensor of f32 out.
@@ -99,10 +96,7 @@ impl State {
     /// # Errors
     /// If it is missing or has another type or shape.
     pub fn take_f32(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
-        self.take(name, shape, "f32", |values| match values {
-            Values::F32(values) => Some(values),
-            _ => None,
-        })
+        take_f32(&mut self.tensors, name, shape)
     }
 
     /// Takes a tensor of u8 out.
@@ -110,10 +104,16 @@ impl State {
     /// # Errors
     /// If it is missing or has another type or shape.
     pub fn take_u8(&mut self, name: &str, shape: &[usize]) -> Result<Vec<u8>> {
-        self.take(name, shape, "u8", |values| match values {
-            Values::U8(values) => Some(values),
-            _ => None,
-        })
+        take_u8(&mut self.tensors, name, shape)
+    }
+
+    /// Takes a part out.
+    ///
+    /// # Errors
+    /// If it is missing.
+    pub fn take_part(&mut self, name: &str) -> Result<Part> {
+        let part = self.parts.remove(name);
+        part.ok_or_else(|| Error::input(name, "no such part", "one of this name in this configuration"))
     }
 
     /// The counters as the learner's own type.
@@ -125,55 +125,127 @@ impl State {
             .map_err(|error| Error::input("counters", error, "those of this algorithm"))
     }
 
+    /// Bytes of the tensors, without parts.
+    pub fn tensors_bytes(&self) -> u64 {
+        let bytes = |tensor: &Tensor| match &tensor.values {
+            Values::F32(values) => 4 * values.len() as u64,
+            Values::U8(values) => values.len() as u64,
+        };
+        self.tensors.values().map(bytes).sum()
+    }
+
     /// Checks that every value is a number.
     ///
     /// # Errors
     /// Names the first tensor that holds another.
     pub fn check_finite(&self) -> Result<()> {
-        for (name, tensor) in &self.tensors {
-            if let Values::F32(values) = &tensor.values
-                && let Some(found) = values.iter().find(|value| !value.is_finite())
-            {
-                return Err(Error::input(name, found, "finite numbers"));
-            }
+        check_finite(&self.tensors)?;
+        for (name, part) in &self.parts {
+            check_finite(&part.0).map_err(|error| error.within(name))?;
         }
         Ok(())
     }
 
-    /// Refuses tensors that nobody has taken.
+    /// Refuses tensors and parts that nobody has taken.
     ///
     /// # Errors
     /// Names the first.
     pub fn finish(self) -> Result<()> {
-        match self.tensors.first_key_value() {
-            None => Ok(()),
-            Some((name, _)) => Err(Error::input(
-                name,
-                "a tensor",
-                "none of this name in this configuration",
-            )),
+        let unknown = |name: &String, what| {
+            let expected = "none of this name in this configuration";
+            Err(Error::input(name, what, expected))
+        };
+        match (self.tensors.first_key_value(), self.parts.first_key_value()) {
+            (None, None) => Ok(()),
+            (Some((name, _)), _) => unknown(name, "a tensor"),
+            (None, Some((name, _))) => unknown(name, "a part"),
         }
+    }
+}
+
+impl Part {
+    /// Adds a tensor.
+    ///
+    /// # Panics
+    /// If the number of values is not the shape's product, or the name is taken.
+    pub fn put(&mut self, name: &str, shape: &[usize], values: impl Into<Values>) {
+        put(&mut self.0, name.to_owned(), shape, values.into());
     }
 
-    fn take<T>(
-        &mut self,
-        name: &str,
-        shape: &[usize],
-        expected_type: &str,
-        values: impl FnOnce(Values) -> Option<Vec<T>>,
-    ) -> Result<Vec<T>> {
-        let expected = format!("{expected_type} of shape {shape:?}");
-        let Some(tensor) = self.tensors.remove(name) else {
-            return Err(Error::input(name, "no such tensor", expected));
-        };
-        let found = format!("{} of shape {:?}", tensor.values.type_name(), tensor.shape);
-        if tensor.shape == shape
-            && let Some(values) = values(tensor.values)
-        {
-            return Ok(values);
-        }
-        Err(Error::input(name, found, expected))
+    /// Takes a tensor of f32 out.
+    ///
+    /// # Errors
+    /// If it is missing or has another type or shape.
+    pub fn take_f32(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+        take_f32(&mut self.0, name, shape)
     }
+
+    /// Takes a tensor of u8 out.
+    ///
+    /// # Errors
+    /// If it is missing or has another type or shape.
+    pub fn take_u8(&mut self, name: &str, shape: &[usize]) -> Result<Vec<u8>> {
+        take_u8(&mut self.0, name, shape)
+    }
+}
+
+fn put(tensors: &mut BTreeMap<String, Tensor>, name: String, shape: &[usize], values: Values) {
+    assert_eq!(
+        shape.iter().product::<usize>(),
+        values.len(),
+        "values of tensor {name}"
+    );
+    let tensor = Tensor {
+        shape: shape.to_vec(),
+        values,
+    };
+    let before = tensors.insert(name.clone(), tensor);
+    assert!(before.is_none(), "tensor {name} twice");
+}
+
+fn take_f32(tensors: &mut BTreeMap<String, Tensor>, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
+    take(tensors, name, shape, "f32", |values| match values {
+        Values::F32(values) => Some(values),
+        _ => None,
+    })
+}
+
+fn take_u8(tensors: &mut BTreeMap<String, Tensor>, name: &str, shape: &[usize]) -> Result<Vec<u8>> {
+    take(tensors, name, shape, "u8", |values| match values {
+        Values::U8(values) => Some(values),
+        _ => None,
+    })
+}
+
+fn take<T>(
+    tensors: &mut BTreeMap<String, Tensor>,
+    name: &str,
+    shape: &[usize],
+    expected_type: &str,
+    values: impl FnOnce(Values) -> Option<Vec<T>>,
+) -> Result<Vec<T>> {
+    let expected = format!("{expected_type} of shape {shape:?}");
+    let Some(tensor) = tensors.remove(name) else {
+        return Err(Error::input(name, "no such tensor", expected));
+    };
+    let found = format!("{} of shape {:?}", tensor.values.type_name(), tensor.shape);
+    if tensor.shape == shape
+        && let Some(values) = values(tensor.values)
+    {
+        return Ok(values);
+    }
+    Err(Error::input(name, found, expected))
+}
+
+fn check_finite(tensors: &BTreeMap<String, Tensor>) -> Result<()> {
+    for (name, tensor) in tensors {
+        if let Values::F32(values) = &tensor.values
+            && let Some(found) = values.iter().find(|value| !value.is_finite())
+        {
+            return Err(Error::input(name, found, "finite numbers"));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

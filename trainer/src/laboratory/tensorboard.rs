@@ -1,9 +1,12 @@
-//! Event files that TensorBoard reads: one scalar summary an episode.
+//! Event files that TensorBoard reads: the run's hyperparameters, then one scalar summary an episode.
 //!
 //! # Source
-//! TensorFlow's `record_writer.h` (framing, masked CRC-32C), `event.proto` and `summary.proto` (field numbers).
+//! TensorFlow's `record_writer.h` (framing, masked CRC-32C), `event.proto` and `summary.proto` (field numbers); of TensorBoard's plugin
+//! hparams `plugin_data.proto`, `api.proto` and `metadata.py`.
 
 use prost::Message as _;
+use serde_json::Value as Json;
+use std::collections::BTreeMap;
 
 /// CRC-32C (Castagnoli).
 const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISCSI);
@@ -42,28 +45,166 @@ struct Value {
     // Within a oneof of `summary.proto`, so that a zero is written out too.
     #[prost(float, optional, tag = "2")]
     simple_value: Option<f32>,
+    #[prost(message, optional, tag = "9")]
+    metadata: Option<Metadata>,
 }
 
-/// The record that begins a file.
-pub fn header(wall_time_s: f64) -> Vec<u8> {
+/// `SummaryMetadata`: which plugin of TensorBoard a value is for.
+#[derive(prost::Message)]
+struct Metadata {
+    #[prost(message, optional, tag = "1")]
+    plugin_data: Option<PluginData>,
+}
+
+#[derive(prost::Message)]
+struct PluginData {
+    #[prost(string, tag = "1")]
+    plugin_name: String,
+    #[prost(bytes, tag = "2")]
+    content: Vec<u8>,
+}
+
+/// `HParamsPluginData`, version 0.
+#[derive(prost::Message)]
+struct Hyperparameters {
+    #[prost(oneof = "Part", tags = "2, 3")]
+    part: Option<Part>,
+}
+
+#[derive(prost::Oneof)]
+enum Part {
+    #[prost(message, tag = "2")]
+    Experiment(Experiment),
+    #[prost(message, tag = "3")]
+    Session(Session),
+}
+
+#[derive(prost::Message)]
+struct Experiment {
+    #[prost(message, repeated, tag = "4")]
+    hyperparameters: Vec<Described>,
+    #[prost(message, repeated, tag = "5")]
+    metrics: Vec<Metric>,
+}
+
+/// `HParamInfo`.
+#[derive(prost::Message)]
+struct Described {
+    #[prost(string, tag = "1")]
+    name: String,
+    /// A `DataType`: 1 text, 2 a truth, 3 a number.
+    #[prost(int32, tag = "4")]
+    kind: i32,
+}
+
+/// `MetricInfo`.
+#[derive(prost::Message)]
+struct Metric {
+    #[prost(message, optional, tag = "1")]
+    name: Option<MetricName>,
+}
+
+#[derive(prost::Message)]
+struct MetricName {
+    #[prost(string, tag = "2")]
+    tag: String,
+}
+
+/// `SessionStartInfo`.
+#[derive(prost::Message)]
+struct Session {
+    #[prost(btree_map = "string, message", tag = "1")]
+    hyperparameters: BTreeMap<String, Parameter>,
+}
+
+/// `google.protobuf.Value`.
+#[derive(PartialEq, prost::Message)]
+struct Parameter {
+    #[prost(oneof = "Kind", tags = "2, 3, 4")]
+    kind: Option<Kind>,
+}
+
+#[derive(PartialEq, prost::Oneof)]
+enum Kind {
+    #[prost(double, tag = "2")]
+    Number(f64),
+    #[prost(string, tag = "3")]
+    Text(String),
+    #[prost(bool, tag = "4")]
+    Truth(bool),
+}
+
+impl From<&Json> for Parameter {
+    fn from(value: &Json) -> Self {
+        let kind = match value {
+            Json::Bool(truth) => Kind::Truth(*truth),
+            Json::Number(number) => Kind::Number(number.as_f64().unwrap_or(f64::NAN)),
+            Json::String(text) => Kind::Text(text.clone()),
+            other => Kind::Text(other.to_string()),
+        };
+        Self { kind: Some(kind) }
+    }
+}
+
+/// The records that begin a file: the format's version, and what the run was told, as TensorBoard's page of hyperparameters shows it
+/// beside these metrics.
+pub fn header(told: &BTreeMap<String, Json>, metrics: &[&str]) -> Vec<u8> {
     let version = What::FileVersion("brain.Event:2".to_owned());
-    record(wall_time_s, 0, version)
+    let hyperparameters: BTreeMap<String, Parameter> = told
+        .iter()
+        .map(|(name, value)| (name.clone(), value.into()))
+        .collect();
+    let described = hyperparameters.iter().map(|(name, value)| Described {
+        name: name.clone(),
+        kind: match value.kind {
+            Some(Kind::Text(_)) | None => 1,
+            Some(Kind::Truth(_)) => 2,
+            Some(Kind::Number(_)) => 3,
+        },
+    });
+    let metrics = metrics.iter().map(|&tag| Metric {
+        name: Some(MetricName { tag: tag.to_owned() }),
+    });
+    let experiment = Part::Experiment(Experiment {
+        hyperparameters: described.collect(),
+        metrics: metrics.collect(),
+    });
+    let value = |tag: &str, part: Part| Value {
+        tag: tag.to_owned(),
+        simple_value: None,
+        metadata: Some(Metadata {
+            plugin_data: Some(PluginData {
+                plugin_name: "hparams".to_owned(),
+                content: Hyperparameters { part: Some(part) }.encode_to_vec(),
+            }),
+        }),
+    };
+    let value = vec![
+        value("_hparams_/experiment", experiment),
+        value(
+            "_hparams_/session_start_info",
+            Part::Session(Session { hyperparameters }),
+        ),
+    ];
+    [record(0, version), record(0, What::Summary(Summary { value }))].concat()
 }
 
 /// The record of a step's named numbers.
-pub fn scalars<'n>(wall_time_s: f64, step: u64, values: impl Iterator<Item = (&'n str, f64)>) -> Vec<u8> {
+pub fn scalars<'n>(step: u64, values: impl Iterator<Item = (&'n str, f64)>) -> Vec<u8> {
     let value = values
         .map(|(name, value)| Value {
             tag: name.to_owned(),
             simple_value: Some(value as f32),
+            metadata: None,
         })
         .collect();
-    record(wall_time_s, step, What::Summary(Summary { value }))
+    record(step, What::Summary(Summary { value }))
 }
 
-fn record(wall_time: f64, step: u64, what: What) -> Vec<u8> {
+/// A record's time is its step in seconds: equal runs leave equal files.
+fn record(step: u64, what: What) -> Vec<u8> {
     let event = Event {
-        wall_time,
+        wall_time: step as f64,
         step: step.cast_signed(),
         what: Some(what),
     };
@@ -82,24 +223,6 @@ fn masked_checksum(data: &[u8]) -> u32 {
     CHECKSUM.checksum(data).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
-/// Length in bytes of the first `records` whole records; `None` if there are fewer.
-pub fn length_of(bytes: &[u8], records: u64) -> Option<u64> {
-    let mut position = 0;
-    for _ in 0..records {
-        let rest = bytes.get(position..)?;
-        let (length, after) = rest.split_first_chunk::<8>()?;
-        let (checksum, _) = after.split_first_chunk::<4>()?;
-        if masked_checksum(length) != u32::from_le_bytes(*checksum) {
-            return None;
-        }
-        let whole = usize::try_from(u64::from_le_bytes(*length))
-            .ok()?
-            .checked_add(FRAME)?;
-        position = (rest.len() >= whole).then(|| position + whole)?;
-    }
-    Some(position as u64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -116,26 +239,11 @@ mod tests {
     /// These bytes were read back with TensorBoard's own reader; `tests/check_exports.py` reads a whole run.
     #[test]
     fn records_have_the_bytes_that_tensorboard_reads() {
-        let bytes = scalars(1.5, 3, [("age", 0.0)].into_iter());
+        let bytes = scalars(3, [("age", 0.0)].into_iter());
         let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(
             hexadecimal,
-            "19000000000000008bf1082809000000000000f83f10032a0c0a0a0a03616765150000000002e9899e"
+            "19000000000000008bf1082809000000000000084010032a0c0a0a0a03616765150000000051dd5603"
         );
-    }
-
-    #[test]
-    fn a_file_can_be_cut_to_its_whole_records() {
-        let mut bytes = header(0.0);
-        let first = bytes.len() as u64;
-        bytes.extend(scalars(0.0, 1, [("a", 1.0)].into_iter()));
-        let all = bytes.len() as u64;
-        assert_eq!(length_of(&bytes, 0), Some(0));
-        assert_eq!(length_of(&bytes, 1), Some(first));
-        assert_eq!(length_of(&bytes, 2), Some(all));
-        assert_eq!(length_of(&bytes, 3), None);
-        assert_eq!(length_of(&bytes[..bytes.len() - 1], 2), None);
-        bytes[0] ^= 1;
-        assert_eq!(length_of(&bytes, 1), None);
     }
 }

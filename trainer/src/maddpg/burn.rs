@@ -60,8 +60,6 @@ pub struct Printed {
     pub global_critic: Perceptron,
     options: Maddpg,
     vehicles: usize,
-    /// Discount over the steps of a return.
-    discount: f32,
     real: DType,
     /// `[sample][vehicle][observation]`.
     seen: Tensor<3>,
@@ -69,8 +67,14 @@ pub struct Printed {
     seen_later: Tensor<3>,
     /// `[sample][vehicle][action]`.
     actions: Tensor<3>,
-    /// `[sample][vehicle]`.
+    /// `[sample][vehicle]`: parts of the cell's reward.
     rewards: Tensor<2>,
+    /// `[sample][vehicle]`: what each agent is paid, up to its end.
+    own_rewards: Tensor<2>,
+    /// `[sample][1]`: weight of the cell's value after the steps of a return.
+    later_weight: Tensor<2>,
+    /// `[sample][vehicle]`: weight of each agent's, 0 after its end.
+    own_later_weight: Tensor<2>,
 }
 
 impl Printed {
@@ -93,13 +97,15 @@ impl Printed {
             local_critic: Perceptron::new(seen_and_done, &options.local_critic_hidden, 1),
             global_critic: Perceptron::new(vehicles * seen_and_done, &options.global_critic_hidden, 1),
             vehicles,
-            discount: learner.discount(),
             options,
             real,
             seen: seen(&batch.known),
             seen_later: seen(&batch.later),
             actions: tensor(&batch.actions, [samples, vehicles, action], real),
             rewards: tensor(&batch.rewards, [samples, vehicles], real),
+            own_rewards: tensor(&batch.own_rewards, [samples, vehicles], real),
+            later_weight: tensor(&batch.later_weight, [samples, 1], real),
+            own_later_weight: tensor(&batch.own_later_weight, [samples, vehicles], real),
         }
     }
 
@@ -119,7 +125,7 @@ impl Printed {
             .reduce(Tensor::min_pair);
         let reward = self.rewards.clone().mean_dim(1);
         let wanted = match least {
-            Some(least) => reward + least * self.discount,
+            Some(least) => reward + least * self.later_weight.clone(),
             None => reward,
         };
         let now = beside(&self.seen, self.actions.clone());
@@ -130,13 +136,15 @@ impl Printed {
         )
     }
 
-    /// Squared distance of each local critic from `y_l = r_l + gamma Q'_l`, summed over the vehicles.
+    /// Squared distance of each local critic from `y_l = r_l + gamma Q'_l`, without the latter where the agent has ended, summed over
+    /// the vehicles.
     pub fn local_loss(&self, critics: &[Layers], later: &[Layers], next: &Tensor<3>) -> Tensor<1> {
         let now = beside(&self.seen, self.actions.clone());
         let each = critics.iter().zip(later).enumerate();
         self.sum(each.map(|(vehicle, (critic, later))| {
-            let reward = self.rewards.clone().slice_dim(1, vehicle);
-            let wanted = reward + later.run(own(next, vehicle)) * self.discount;
+            let [reward, weight] =
+                [&self.own_rewards, &self.own_later_weight].map(|all| all.clone().slice_dim(1, vehicle));
+            let wanted = reward + later.run(own(next, vehicle)) * weight;
             (critic.run(own(&now, vehicle)) - wanted).square().mean()
         }))
     }
@@ -150,6 +158,7 @@ impl Printed {
         let weight = match self.options.global_weight {
             GlobalWeight::Printed => 1.0,
             GlobalWeight::Vehicles => self.vehicles as f32,
+            GlobalWeight::None => 0.0,
         };
         let global = twin.run(all(&acting)).mean();
         let local = self.sum(

@@ -180,6 +180,8 @@ fn learned(learner: &MaddpgLearner) -> [Vec<&Learned>; 3] {
 fn learner(backend: Backend) -> MaddpgInCell {
     let settings = [
         "scenario.cell.vehicles=3",
+        // So that agents end in most batches.
+        "scenario.cell.replacement_probability=0.1",
         "maddpg.slots=50",
         "maddpg.replay=1000",
         // Never reached by playing.
@@ -241,7 +243,7 @@ fn compare(mut cell: MaddpgInCell) {
         let (mut draws, mut batch) = (stream.clone(), Batch::default());
         learner
             .replay
-            .sample(SAMPLES, 1, learner.options.discount, &mut draws, &mut batch);
+            .sample(SAMPLES, learner.options.sought(), &mut draws, &mut batch);
         let normals: Vec<f32> = batch.actions.iter().map(|_| draws.normal() as f32).collect();
         let printed = Printed::new(learner, &batch, DType::F64);
         learner.learn(&mut stream);

@@ -1,7 +1,8 @@
 //! The algorithm in the simulator's cell.
 
 use super::learner::MaddpgLearner;
-use super::options::Maddpg;
+use super::options::{Maddpg, StartAges};
+use crate::algorithm::LearningAlgorithm;
 #[cfg(test)]
 use crate::configuration::{Algorithm, Configuration, Preset};
 use crate::forms;
@@ -13,8 +14,36 @@ use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
+use crate::mixture::Mixture;
+use firmware::form::{ObservationForm, OutputForm};
+use firmware::units::Age;
+use host_sim::environment::Environment;
 use host_sim::scenario::Scenario;
 use kit::error::Result;
+
+impl LearningAlgorithm for Maddpg {
+    fn episodes_mut(&mut self) -> &mut u64 {
+        &mut self.episodes
+    }
+
+    fn forms(&self) -> (ObservationForm, OutputForm) {
+        (self.observation, self.action)
+    }
+
+    fn losses_checksum(&self) -> Option<String> {
+        Self::losses_checksum(self)
+    }
+
+    fn check(&self, scenario: &Scenario) -> Result<()> {
+        Self::check(self, scenario)
+    }
+
+    fn learner(&self, scenario: &Scenario, _alone: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
+        let mut learner = MaddpgInCell::new(scenario, self, seed);
+        learner.learner.begin_from_others()?;
+        Ok(Box::new(learner))
+    }
+}
 
 /// The modified MADDPG at work in the cell.
 pub struct MaddpgInCell {
@@ -23,6 +52,8 @@ pub struct MaddpgInCell {
     seed: u64,
     /// The algorithm itself.
     pub learner: MaddpgLearner,
+    /// Ages in slots after the last episode, `[world][vehicle]`; empty where episodes begin with others.
+    ages: Vec<f32>,
 }
 
 /// Every vehicle is paid for its own age; the global reward is the mean.
@@ -72,14 +103,64 @@ impl MaddpgInCell {
             observed,
             actions: ActionSpace::from(options.action),
         };
+        let kept = match options.start_ages {
+            StartAges::Drawn => 0,
+            StartAges::Kept => shape.rows(),
+        };
         Self {
             scenario: scenario.clone(),
             options: options.clone(),
             seed,
             learner: MaddpgLearner::new(shape, options, seed),
+            ages: vec![Age::TIME_CONSTRAINT.slots().into(); kept],
         }
     }
+
+    /// Begins an episode's ages.
+    fn begin(&self, environment: &mut Environment<'_>) {
+        let (options, episode) = (&self.options, self.learner.done());
+        match options.start_ages {
+            StartAges::Drawn => {
+                // Never less often than a quarter of the first share (chosen).
+                let in_turn = options.phase_resets * (1.0 - self.learner.progress()).max(0.25);
+                let mut stream = random::episode(self.seed, episode, START_AGES);
+                start_ages::in_turn_or_else(in_turn, environment, &mut stream);
+            }
+            StartAges::Kept => {
+                for (row, &age) in self.ages.iter().enumerate() {
+                    let (world, vehicle) = self.place(row);
+                    if vehicle < environment.vehicles() {
+                        environment.set_age(world, vehicle, Age::after(age as u32));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Keeps the ages that an episode ended with.
+    fn keep(&mut self, environment: &Environment<'_>) {
+        for row in 0..self.ages.len() {
+            let (world, vehicle) = self.place(row);
+            if vehicle < environment.vehicles() {
+                self.ages[row] = environment.age(world, vehicle).slots().into();
+            }
+        }
+    }
+
+    /// World and vehicle of a row.
+    fn place(&self, row: usize) -> (usize, usize) {
+        let vehicles = self.scenario.cell.vehicles as usize;
+        (row / vehicles, row % vehicles)
+    }
+
+    /// The shape of the ages that are kept.
+    fn shape_of_ages(&self) -> [usize; 2] {
+        [self.options.worlds as usize, self.scenario.cell.vehicles as usize]
+    }
 }
+
+/// The tensor of a checkpoint that holds them.
+const AGES: &str = "ages";
 
 impl Learner for MaddpgInCell {
     fn length(&self) -> u64 {
@@ -97,22 +178,32 @@ impl Learner for MaddpgInCell {
         let episode = self.learner.done();
         let first = episode * options.worlds;
         let mut environment = random::worlds(&scenario, self.seed, first..first + options.worlds);
-        // Never less often than a quarter of the first share (chosen).
-        let in_turn = options.phase_resets * (1.0 - self.learner.progress()).max(0.25);
-        let mut stream = random::episode(self.seed, episode, START_AGES);
-        start_ages::in_turn_or_else(in_turn, &mut environment, &mut stream);
+        self.begin(&mut environment);
         let rules = OwnAge(options.reward(present));
         let room = self.scenario.cell.vehicles as usize;
         let (observation, output) = (options.observation, options.output_form());
         let mut cell = Cell::new(environment, room, observation, output, rules);
-        self.learner.episode(&mut cell)
+        let metrics = self.learner.episode(&mut cell);
+        self.keep(cell.environment());
+        metrics
     }
 
     fn state(&self) -> State {
-        self.learner.state()
+        let mut state = self.learner.state();
+        if self.options.start_ages == StartAges::Kept {
+            state.put(AGES, &self.shape_of_ages(), self.ages.clone());
+        }
+        state
     }
 
-    fn restore(&mut self, state: State) -> Result<()> {
+    fn parts_bytes(&self) -> u64 {
+        self.learner.parts_bytes()
+    }
+
+    fn restore(&mut self, mut state: State) -> Result<()> {
+        if self.options.start_ages == StartAges::Kept {
+            self.ages = state.take_f32(AGES, &self.shape_of_ages())?;
+        }
         self.learner.restore(state)
     }
 

@@ -10,6 +10,7 @@ use super::group::{Group, Role};
 use super::options::{CriticForm, Maddpg, Updates};
 use super::replay::{Batch, Extent, Replay};
 use super::set_critic::SetCritic;
+use crate::first_networks::{self, Expected};
 use crate::game::actions::ActionSpace;
 use crate::game::{Game, Shape, Tally};
 use crate::laboratory::learner::Metrics;
@@ -20,7 +21,7 @@ use crate::network::optimiser::{Learned, Powers};
 use crate::network::perceptron::{Perceptron, Rows};
 use crate::network::pool::Pool;
 use host_sim::stream::Stream;
-use kit::error::Result;
+use kit::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -143,6 +144,46 @@ impl MaddpgLearner {
         }
     }
 
+    /// Goes on from the actors and the critics that the options name, if they do.
+    ///
+    /// # Errors
+    /// What is not there, or of another form.
+    pub fn begin_from_others(&mut self) -> Result<()> {
+        let Maddpg {
+            first_actor,
+            first_critics,
+            ..
+        } = &self.options;
+        if !first_actor.as_os_str().is_empty() {
+            let expected = Expected {
+                key: "maddpg.first_actor",
+                form: (self.options.observation, self.options.output_form()),
+                widths: self.actors.network.widths(),
+                count: self.actors.learned.len(),
+            };
+            let networks = first_networks::actors(first_actor, expected)?;
+            for (learned, network) in self.actors.learned.iter_mut().zip(networks) {
+                *learned = Learned::new(network.parameters);
+            }
+        }
+        if !first_critics.as_os_str().is_empty() {
+            let key = "maddpg.first_critics";
+            let mut state = first_networks::state(first_critics, key)?;
+            let read = state
+                .counters()
+                .and_then(|saved| self.restore_critics(&mut state, &saved));
+            read.map_err(|error| error.within(key))?;
+        }
+        Ok(())
+    }
+
+    fn restore_critics(&mut self, state: &mut State, saved: &Saved) -> Result<()> {
+        if let Some(critics) = &mut self.local_critics {
+            restore("local_critics", &mut critics.learned, &saved.local_critics, state)?;
+        }
+        restore("global_critics", &mut self.twins, &saved.twins, state)
+    }
+
     /// Where the time went.
     pub fn times(&self) -> Times {
         self.times
@@ -183,6 +224,7 @@ impl MaddpgLearner {
         let mut played = Tally::default();
         self.replay.begin(present);
         self.know(game);
+        let mut ended = vec![false; game.shape().rows()];
         for _ in 0..self.extent.slots {
             let actions = self.explore(present, &mut stream);
             let start = Instant::now();
@@ -190,9 +232,10 @@ impl MaddpgLearner {
             room.copy_from_slice(&actions);
             let mut tally = Tally::default();
             game.step(&actions, rewards, &mut tally);
+            game.ended(&mut ended);
             self.times.environment += start.elapsed();
             played.merge(&tally);
-            self.replay.advance();
+            self.replay.advance(&ended);
             self.know(game);
             if self.options.updates == Updates::Slot {
                 self.update(&mut stream);
@@ -279,23 +322,19 @@ impl MaddpgLearner {
         state
     }
 
+    /// See [`crate::laboratory::learner::Learner::parts_bytes`].
+    pub fn parts_bytes(&self) -> u64 {
+        self.replay.bytes()
+    }
+
     /// See [`crate::laboratory::learner::Learner::restore`].
     ///
     /// # Errors
     /// The tensor or counter that does not fit.
     pub fn restore(&mut self, mut state: State) -> Result<()> {
         let saved: Saved = state.counters()?;
-        let mut load = |name: &str, learned: &mut [Learned], powers: &[Powers]| -> Result<()> {
-            for (index, (learned, &powers)) in learned.iter_mut().zip(powers).enumerate() {
-                learned.load(&format!("{name}.{index}"), &mut state, powers)?;
-            }
-            Ok(())
-        };
-        load("actors", &mut self.actors.learned, &saved.actors)?;
-        if let Some(critics) = &mut self.local_critics {
-            load("local_critics", &mut critics.learned, &saved.local_critics)?;
-        }
-        load("global_critics", &mut self.twins, &saved.twins)?;
+        restore("actors", &mut self.actors.learned, &saved.actors, &mut state)?;
+        self.restore_critics(&mut state, &saved)?;
         self.replay.load(&mut state, saved.replay)?;
         self.counters = saved.counters;
         state.finish()
@@ -307,6 +346,18 @@ impl MaddpgLearner {
         self.learn(stream);
         self.times.learning += start.elapsed();
     }
+}
+
+/// Reads networks from a state.
+fn restore(name: &str, learned: &mut [Learned], powers: &[Powers], state: &mut State) -> Result<()> {
+    if learned.len() != powers.len() {
+        let found = format!("{} networks", powers.len());
+        return Err(Error::input(name, found, learned.len()));
+    }
+    for (index, (learned, &powers)) in learned.iter_mut().zip(powers).enumerate() {
+        learned.load(&format!("{name}.{index}"), state, powers)?;
+    }
+    Ok(())
 }
 
 /// Scales the last layer down and biases it towards silence and full power: an actor that always sends learns nothing.

@@ -1,6 +1,7 @@
 //! What the algorithm is told. Sources are those of the preset `paper`: "Table I" and "Algorithm 1" are the paper's, "chosen" it
 //! leaves open.
 
+use super::replay::Return;
 use crate::game::actions::ActionSpace;
 use crate::game::reward::AgeReward;
 use firmware::form::{ObservationForm, OutputForm};
@@ -9,6 +10,7 @@ use kit::choice::Choice;
 use kit::error::{Error, Result};
 use kit::{choices, keys};
 use serde_json::json;
+use std::path::PathBuf;
 
 keys! {
     /// Parameters of the modified MADDPG and its family.
@@ -17,6 +19,14 @@ keys! {
         #[key(source = "chosen")]
         #[serde(default)]
         pub backend: Backend,
+        /// Folder of the run whose actors to go on from, of the same forms and widths: one for each vehicle, or one for all. Without one,
+        /// random networks.
+        #[key(source = "chosen")]
+        pub first_actor: PathBuf,
+        /// Folder of the run of this algorithm whose critics and their targets to go on from, of the same forms and widths. Beside a good
+        /// actor, new critics wreck it.
+        #[key(source = "chosen")]
+        pub first_critics: PathBuf,
         /// Episodes of the run.
         #[key(range = 1.0..=1e8, unit = "episodes", source = "chosen, the paper's figures have no readable axis")]
         pub episodes: u64,
@@ -100,6 +110,9 @@ keys! {
         /// Steps of the return, at most the slots of an episode.
         #[key(range = 1.0..=100_000.0, unit = "slots", source = "chosen")]
         pub n_step: u32,
+        /// What a world is worth at the end of an episode.
+        #[key(source = "chosen; an episode's length is nothing that vehicles know")]
+        pub time_limit: TimeLimit,
         /// Share by which an update moves the target networks, the factor of soft update.
         #[key(range = 0.0..=1.0, source = "Table I")]
         pub target_rate: f32,
@@ -155,6 +168,9 @@ keys! {
         /// Load curriculum: share of the run after which all vehicles take part.
         #[key(range = 0.0..=1.0, source = "chosen")]
         pub all_vehicles_at: f32,
+        /// Which ages an episode begins with.
+        #[key(source = "chosen")]
+        pub start_ages: StartAges,
         /// Share of the worlds whose vehicles begin in turn, falling to a quarter of it; other start ages
         /// vary then too. With 0 as with all, half of the others begin at the largest age.
         #[key(range = 0.0..=1.0, source = "chosen")]
@@ -205,6 +221,25 @@ choices! {
         Printed = "printed",
         /// The number of vehicles, which undoes that.
         Vehicles = "vehicles",
+        /// 0: the global critics learn, but actors climb their local critics alone, each vehicle for itself. So it is in the public
+        /// code of the paper's group, where the global term is detached from the gradient.
+        None = "none",
+    }
+
+    /// What a world is worth at the time limit.
+    pub enum TimeLimit {
+        /// What its critics say (Pardo et al., "Time limits in reinforcement learning", 2018).
+        GoesOn = "goes-on",
+        /// Nothing, as in the public code of the paper's group.
+        Ends = "ends",
+    }
+
+    /// Ages at the beginning of an episode.
+    pub enum StartAges {
+        /// Drawn anew, as `phase_resets` says.
+        Drawn = "drawn",
+        /// Those that the episode before ended with; in the first one the largest. Places and links are new.
+        Kept = "kept",
     }
 
     /// What an age is divided by in the reward.
@@ -259,6 +294,15 @@ impl Maddpg {
         }
     }
 
+    /// How far a return looks ahead.
+    pub(super) fn sought(&self) -> Return {
+        Return {
+            steps: self.n_step as usize,
+            discount: self.discount,
+            ends_at_limit: self.time_limit == TimeLimit::Ends,
+        }
+    }
+
     /// Checksum (CRC-64/XZ) of the module whose losses these networks step down, where users change them there: other losses make
     /// another run.
     pub fn losses_checksum(&self) -> Option<String> {
@@ -283,6 +327,23 @@ impl Maddpg {
                 "scenario.cell.vehicles",
                 vehicles,
                 "at most 255 to learn with",
+            ));
+        }
+        if self.global_weight == GlobalWeight::None && !self.local_critics {
+            return Err(Error::input(
+                "maddpg",
+                "maddpg.global_weight = \"none\" with maddpg.local_critics = false",
+                "one of the two terms: actors have nothing else to learn from",
+            ));
+        }
+        if self.start_ages == StartAges::Kept && self.phase_resets != 0.0 {
+            return Err(Error::input(
+                "maddpg",
+                format!(
+                    "maddpg.phase_resets = {} with maddpg.start_ages = \"kept\"",
+                    self.phase_resets
+                ),
+                "0, or maddpg.start_ages = \"drawn\"",
             ));
         }
         if self.n_step > self.slots {

@@ -1,9 +1,10 @@
 //! What happened, episode by episode, for learning from it later (the paper's D).
 
 use super::view::View;
-use crate::laboratory::state::State;
+use crate::laboratory::state::{Part, State};
 use host_sim::stream::Stream;
 use kit::error::Result;
+use std::ops::Range;
 
 /// Sizes of a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,16 +26,20 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// Shapes of what is known, actions, rewards and present vehicles.
+    /// Shapes of what an episode holds: what is known, actions, rewards and ends.
     fn shapes(&self) -> [Vec<usize>; 4] {
-        let (episodes, slots) = (self.episodes, self.slots);
-        let rows = [self.worlds, self.vehicles];
+        let (slots, rows) = (self.slots, [self.worlds, self.vehicles]);
         [
-            [&[episodes, slots + 1], &rows[..], &[self.known]].concat(),
-            [&[episodes, slots], &rows[..], &[self.action]].concat(),
-            [&[episodes, slots], &rows[..]].concat(),
-            vec![episodes],
+            [&[slots + 1], &rows[..], &[self.known]].concat(),
+            [&[slots], &rows[..], &[self.action]].concat(),
+            [&[slots], &rows[..]].concat(),
+            [&[slots], &rows[..]].concat(),
         ]
+    }
+
+    /// How many values an episode has of each.
+    fn lengths(&self) -> [usize; 4] {
+        self.shapes().map(|shape| shape.iter().product())
     }
 }
 
@@ -48,6 +53,8 @@ pub struct Replay {
     actions: Vec<f32>,
     /// `[episode][slot][world][vehicle]`.
     rewards: Vec<f32>,
+    /// `[episode][slot][world][vehicle]`: 1 where a vehicle's agent ended with the slot and another's begins in its row, else 0.
+    ended: Vec<u8>,
     /// `[episode]`: how many vehicles took part.
     present: Vec<u8>,
     /// Episodes begun so far.
@@ -65,21 +72,39 @@ pub struct Batch {
     pub later: Vec<f32>,
     /// `[sample][vehicle][action]`.
     pub actions: Vec<f32>,
-    /// `[sample][vehicle]`: rewards of n slots, discounted.
+    /// `[sample][vehicle]`: rewards of n slots, discounted, whoever the vehicle is in each of them: parts of the cell's reward.
     pub rewards: Vec<f32>,
+    /// `[sample][vehicle]`: the same of the agent that acted alone, up to its end.
+    pub own_rewards: Vec<f32>,
+    /// `[sample]`: weight of the cell's value n slots later: the discount of n slots, or 0 where the time limit ends it.
+    pub later_weight: Vec<f32>,
+    /// `[sample][vehicle]`: weight of a vehicle's own value n slots later: as the cell's, and 0 where its agent has ended.
+    pub own_later_weight: Vec<f32>,
     /// `[sample]`.
     pub present: Vec<u8>,
+}
+
+/// How far a return looks ahead (Sutton and Barto 2018, section 7.1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Return {
+    /// Slots whose rewards it adds up, n.
+    pub steps: usize,
+    /// Factor from a slot to the next.
+    pub discount: f32,
+    /// Whether a world is worth nothing at the time limit, instead of what its critics say.
+    pub ends_at_limit: bool,
 }
 
 impl Replay {
     /// An empty one.
     pub fn new(extent: Extent) -> Self {
-        let [known, actions, rewards, present] = extent.shapes().map(|shape| shape.iter().product::<usize>());
+        let [known, actions, rewards, ended] = extent.lengths().map(|length| length * extent.episodes);
         Self {
             known: vec![0.0; known],
             actions: vec![0.0; actions],
             rewards: vec![0.0; rewards],
-            present: vec![0; present],
+            ended: vec![0; ended],
+            present: vec![0; extent.episodes],
             begun: 0,
             filled: 0,
             extent,
@@ -117,22 +142,23 @@ impl Replay {
         )
     }
 
-    /// The slot is done.
-    pub fn advance(&mut self) {
+    /// The slot is done, and with it these agents, `[world][vehicle]`.
+    pub fn advance(&mut self, ended: &[bool]) {
+        let place = self.newest() * self.extent.slots + self.filled;
+        let room = &mut self.ended[place * ended.len()..][..ended.len()];
+        for (room, &ended) in room.iter_mut().zip(ended) {
+            *room = u8::from(ended);
+        }
         self.filled += 1;
     }
 
-    /// Uniform samples of transitions, with what was known n slots later. A time limit ends no world: the last slots of an
-    /// episode are only looked at from n slots before its end.
-    pub fn sample(&self, count: usize, n: usize, discount: f32, stream: &mut Stream, batch: &mut Batch) {
-        let extent = &self.extent;
+    /// Uniform samples of transitions, with what was known n slots later: the last slots of an episode are only looked at from n
+    /// slots before its end. An agent that ends is paid for nothing after it; the cell goes on.
+    pub fn sample(&self, count: usize, sought: Return, stream: &mut Stream, batch: &mut Batch) {
+        let (extent, n) = (&self.extent, sought.steps);
         let (total, whole) = self.starts(n);
         let each = (extent.slots + 1 - n) * extent.worlds;
-        batch.known.clear();
-        batch.later.clear();
-        batch.actions.clear();
-        batch.rewards.clear();
-        batch.present.clear();
+        batch.clear();
         let rows = extent.vehicles;
         for _ in 0..count {
             let drawn = stream.below(total as u32) as usize;
@@ -157,40 +183,87 @@ impl Replay {
                 .extend_from_slice(&self.actions[place(slot) * actions..][..actions]);
             let first = batch.rewards.len();
             batch.rewards.resize(first + rows, 0.0);
+            batch.own_rewards.resize(first + rows, 0.0);
+            batch.own_later_weight.resize(first + rows, 1.0);
             let mut factor = 1.0;
             for step in 0..n {
-                let rewards = &self.rewards[place(slot + step) * rows..][..rows];
-                for (sum, reward) in batch.rewards[first..].iter_mut().zip(rewards) {
-                    *sum += factor * reward;
+                let place = place(slot + step) * rows;
+                for row in 0..rows {
+                    let reward = factor * self.rewards[place + row];
+                    batch.rewards[first + row] += reward;
+                    let acts = &mut batch.own_later_weight[first + row];
+                    batch.own_rewards[first + row] += *acts * reward;
+                    *acts *= f32::from(1 - self.ended[place + row]);
                 }
-                factor *= discount;
+                factor *= sought.discount;
             }
+            if sought.ends_at_limit && slot + n == extent.slots {
+                factor = 0.0;
+            }
+            batch.later_weight.push(factor);
+            batch.own_later_weight[first..]
+                .iter_mut()
+                .for_each(|weight| *weight *= factor);
             batch.present.push(self.present[episode]);
         }
     }
 
-    /// Writes everything into a state.
+    /// Writes everything into a state, an episode a part.
     pub fn save(&self, state: &mut State) -> (u64, usize) {
-        let [known, actions, rewards, present] = self.extent.shapes();
-        state.put("replay.known", &known, self.known.clone());
-        state.put("replay.actions", &actions, self.actions.clone());
-        state.put("replay.rewards", &rewards, self.rewards.clone());
-        state.put("replay.present", &present, self.present.clone());
+        let [known, actions, rewards, ended] = self.extent.shapes();
+        for number in self.held() {
+            let episode = self.place(number);
+            let mut part = Part::default();
+            part.put("known", &known, of(&self.known, episode, &known).to_vec());
+            part.put("actions", &actions, of(&self.actions, episode, &actions).to_vec());
+            part.put("rewards", &rewards, of(&self.rewards, episode, &rewards).to_vec());
+            part.put("ended", &ended, of(&self.ended, episode, &ended).to_vec());
+            part.put("present", &[1], vec![self.present[episode]]);
+            let before = state.parts.insert(part_name(number), part);
+            assert!(before.is_none(), "episode {number} twice");
+        }
         (self.begun, self.filled)
     }
 
     /// Reads everything from a state.
     ///
     /// # Errors
-    /// The tensor that is missing or has another shape.
+    /// The part or tensor that is missing or has another shape.
     pub fn load(&mut self, state: &mut State, (begun, filled): (u64, usize)) -> Result<()> {
-        let [known, actions, rewards, present] = self.extent.shapes();
-        self.known = state.take_f32("replay.known", &known)?;
-        self.actions = state.take_f32("replay.actions", &actions)?;
-        self.rewards = state.take_f32("replay.rewards", &rewards)?;
-        self.present = state.take_u8("replay.present", &present)?;
+        let [known, actions, rewards, ended] = self.extent.shapes();
         (self.begun, self.filled) = (begun, filled.min(self.extent.slots));
+        for number in self.held() {
+            let (name, episode) = (part_name(number), self.place(number));
+            let mut part = state.take_part(&name)?;
+            let mut read = || -> Result<()> {
+                of_mut(&mut self.known, episode, &known).copy_from_slice(&part.take_f32("known", &known)?);
+                of_mut(&mut self.actions, episode, &actions)
+                    .copy_from_slice(&part.take_f32("actions", &actions)?);
+                of_mut(&mut self.rewards, episode, &rewards)
+                    .copy_from_slice(&part.take_f32("rewards", &rewards)?);
+                of_mut(&mut self.ended, episode, &ended).copy_from_slice(&part.take_u8("ended", &ended)?);
+                self.present[episode] = part.take_u8("present", &[1])?[0];
+                Ok(())
+            };
+            read().map_err(|error| error.within(&name))?;
+        }
         Ok(())
+    }
+
+    /// Bytes of its parts when it is full.
+    pub fn bytes(&self) -> u64 {
+        let [known, actions, rewards, ended] = self.extent.lengths().map(|length| length as u64);
+        self.extent.episodes as u64 * (4 * (known + actions + rewards) + ended + 1)
+    }
+
+    /// The episodes that it holds, counted from the run's first.
+    fn held(&self) -> Range<u64> {
+        self.begun.saturating_sub(self.extent.episodes as u64)..self.begun
+    }
+
+    /// Where an episode lies.
+    fn place(&self, number: u64) -> usize {
+        (number % self.extent.episodes as u64) as usize
     }
 
     /// Transitions that can be drawn, and the complete episodes before the newest.
@@ -203,7 +276,7 @@ impl Replay {
     }
 
     fn newest(&self) -> usize {
-        (self.begun.saturating_sub(1) % self.extent.episodes as u64) as usize
+        self.place(self.begun.saturating_sub(1))
     }
 
     fn rows(&self) -> usize {
@@ -211,7 +284,38 @@ impl Replay {
     }
 }
 
+/// The part of a state that holds an episode.
+fn part_name(number: u64) -> String {
+    format!("replay.{number:08}")
+}
+
+/// An episode's values, of this shape.
+fn of<'v, T>(values: &'v [T], episode: usize, shape: &[usize]) -> &'v [T] {
+    let length: usize = shape.iter().product();
+    &values[episode * length..][..length]
+}
+
+fn of_mut<'v, T>(values: &'v mut [T], episode: usize, shape: &[usize]) -> &'v mut [T] {
+    let length: usize = shape.iter().product();
+    &mut values[episode * length..][..length]
+}
+
 impl Batch {
+    fn clear(&mut self) {
+        for values in [
+            &mut self.known,
+            &mut self.later,
+            &mut self.actions,
+            &mut self.rewards,
+            &mut self.own_rewards,
+            &mut self.later_weight,
+            &mut self.own_later_weight,
+        ] {
+            values.clear();
+        }
+        self.present.clear();
+    }
+
     /// The samples as critics see them: now, or n slots later.
     pub fn view<'a>(&'a self, extent: &Extent, known: &'a [f32]) -> View<'a> {
         View {
@@ -244,7 +348,14 @@ mod tests {
         (100 * episode + 10 * slot + row / 2) as f32 + (row % 2) as f32 / 10.0
     }
 
-    fn play(replay: &mut Replay, episode: usize, slots: usize) {
+    /// Three slots at half the value each.
+    const SOUGHT: Return = Return {
+        steps: 3,
+        discount: 0.5,
+        ends_at_limit: false,
+    };
+
+    fn play(replay: &mut Replay, episode: usize, slots: usize, ended: impl Fn(usize) -> [bool; 4]) {
         replay.begin(2);
         for slot in 0..=slots {
             let known = replay.known();
@@ -259,7 +370,7 @@ mod tests {
                     .iter_mut()
                     .enumerate()
                     .for_each(|(row, value)| *value = mark(episode, slot, row));
-                replay.advance();
+                replay.advance(&ended(slot));
             }
         }
     }
@@ -267,12 +378,12 @@ mod tests {
     #[test]
     fn samples_look_ahead_within_their_episode_and_the_oldest_makes_room() {
         let mut replay = Replay::new(EXTENT);
-        (0..4).for_each(|episode| play(&mut replay, episode, 6));
-        play(&mut replay, 4, 3);
+        (0..4).for_each(|episode| play(&mut replay, episode, 6, |_| [false; 4]));
+        play(&mut replay, 4, 3, |_| [false; 4]);
         // Episodes 2 and 3 are whole, with 4 starts each; episode 4 has 1: times two worlds.
         assert_eq!(replay.transitions(3), 2 * (4 + 4 + 1));
         let (mut batch, mut stream) = (Batch::default(), initial(1, 0));
-        replay.sample(2000, 3, 0.5, &mut stream, &mut batch);
+        replay.sample(2000, SOUGHT, &mut stream, &mut batch);
         let mut seen = std::collections::BTreeSet::new();
         for sample in 0..2000 {
             let (known, later) = (batch.known[2 * sample], batch.later[2 * sample]);
@@ -291,5 +402,63 @@ mod tests {
         let expected: std::collections::BTreeSet<u32> =
             starts(2, 4).chain(starts(3, 4)).chain(starts(4, 1)).collect();
         assert_eq!(seen, expected, "every start is drawn, and no other");
+    }
+    /// The second vehicle of the first world is replaced with slot 2: by hand, what each start is then paid and how much the value
+    /// three slots later counts.
+    #[test]
+    fn who_is_replaced_is_paid_for_nothing_after_it() {
+        let mut replay = Replay::new(Extent {
+            episodes: 1,
+            ..EXTENT
+        });
+        play(&mut replay, 0, 6, |slot| [false, slot == 2, false, false]);
+        let sample = |ends_at_limit| {
+            let (mut batch, mut stream) = (Batch::default(), initial(1, 0));
+            let sought = Return {
+                ends_at_limit,
+                ..SOUGHT
+            };
+            replay.sample(200, sought, &mut stream, &mut batch);
+            let mut found = std::collections::BTreeMap::new();
+            for (index, known) in batch.known.chunks(2).enumerate() {
+                let of = |values: &[f32]| [values[2 * index], values[2 * index + 1]];
+                let cell = batch.later_weight[index];
+                let (slot, world) = (known[0] as usize / 10, known[0] as usize % 10);
+                let own = (of(&batch.own_rewards), of(&batch.own_later_weight));
+                let _same = found.insert((world, slot), (of(&batch.rewards), own, cell));
+            }
+            found
+        };
+        let found = sample(false);
+        assert_eq!(found.len(), 8, "four starts in each of two worlds");
+        let rewards =
+            |row, slot| mark(0, slot, row) + 0.5 * mark(0, slot + 1, row) + 0.25 * mark(0, slot + 2, row);
+        for (&(world, slot), &(all, (own, own_weight), weight)) in &found {
+            let both = [rewards(2 * world, slot), rewards(2 * world + 1, slot)];
+            assert_eq!((all, weight), (both, 0.125));
+            let (paid, counts) = match (world, slot) {
+                (0, 0) => (both[1], 0.0),
+                (0, 1) => (10.1 + 0.5 * 20.1, 0.0),
+                (0, 2) => (20.1, 0.0),
+                _ => (both[1], 0.125),
+            };
+            assert_eq!(
+                (own, own_weight),
+                ([both[0], paid], [0.125, counts]),
+                "{world}, {slot}"
+            );
+        }
+        // Start 3 looks to the time limit, where nothing may be left.
+        let limited = sample(true);
+        for (start, (all, (own, own_weight), weight)) in limited {
+            let (all_before, (own_before, weight_before), _) = found[&start];
+            assert_eq!((all, own), (all_before, own_before));
+            let expected = if start.1 == 3 {
+                (0.0, [0.0; 2])
+            } else {
+                (0.125, weight_before)
+            };
+            assert_eq!((weight, own_weight), expected);
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! One update: critics towards their targets, actors up the critics' slopes (paper, Algorithm 1).
 //!
 //! A batch moves the twin global critics towards `y_g = r_g + gamma min(Q'_1, Q'_2)`, and every `delay`-th time the local critics
-//! towards `y_l = r_l + gamma Q'_l` and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
+//! towards `y_l = r_l + gamma Q'_l` (`y_l = r_l` where the vehicle is replaced: its agent ends) and the actors up the slopes of Q_1 and Q_l together; targets follow all of them.
 
 use super::critic::{CriticPass, Question};
 use super::group::Role;
@@ -18,13 +18,12 @@ use host_sim::stream::Stream;
 
 impl MaddpgLearner {
     pub(super) fn learn(&mut self, stream: &mut Stream) {
-        let n = self.options.n_step as usize;
-        if self.replay.transitions(n) < self.options.warm_up_slots.max(self.options.batch) {
+        let sought = self.options.sought();
+        if self.replay.transitions(sought.steps) < self.options.warm_up_slots.max(self.options.batch) {
             return;
         }
         let mut batch = std::mem::take(&mut self.batch);
-        self.replay
-            .sample(self.options.batch, n, self.options.discount, stream, &mut batch);
+        self.replay.sample(self.options.batch, sought, stream, &mut batch);
         self.counters.updates += 1;
         let delayed = self
             .counters
@@ -109,15 +108,10 @@ impl MaddpgLearner {
         )
     }
 
-    /// Discount over n steps.
-    pub(super) fn discount(&self) -> f32 {
-        (0..self.options.n_step).fold(1.0, |factor, _| factor * self.options.discount)
-    }
-
     /// `y_g = r_g + gamma min(Q'_1, Q'_2)`.
     fn improve_global(&mut self, batch: &Batch, later: &[f32]) {
         let (actions, step) = (self.action_vectors(batch), self.critic_step());
-        let (critic, discount, options) = (self.critic.as_ref(), self.discount(), &self.options);
+        let (critic, options) = (self.critic.as_ref(), &self.options);
         let gradients = &self.gradients;
         let now = batch.view(&self.extent, &batch.known);
         let next = batch.view(&self.extent, &batch.later);
@@ -131,8 +125,9 @@ impl MaddpgLearner {
             || critic.forward(&later[1], second),
         );
         let mut targets = global_rewards(&now, &batch.rewards);
-        for (target, (a, b)) in targets.iter_mut().zip(first_value.iter().zip(&second_value)) {
-            *target += discount * a.min(*b);
+        let least = first_value.iter().zip(&second_value).map(|(a, b)| a.min(*b));
+        for ((target, least), weight) in targets.iter_mut().zip(least).zip(&batch.later_weight) {
+            *target += weight * least;
         }
         let improve = |learned: &mut Learned, pass: &mut CriticPass| {
             let values = critic.forward(&Question::new(&learned.parameters, now, &actions), pass);
@@ -161,7 +156,7 @@ impl MaddpgLearner {
 
     /// `y_l = r_l + gamma Q'_l`, for a choice with the target actor's expectation of Q'_l.
     fn improve_local(&mut self, batch: &Batch, outputs: &[f32], later: &[f32]) {
-        let (discount, step) = (self.discount(), self.critic_step());
+        let step = self.critic_step();
         let (length, vehicles) = (self.space.length(), self.extent.vehicles);
         let (choice, loss) = (self.space.is_choice(), self.options.loss);
         let actions = self.action_vectors(batch);
@@ -198,7 +193,7 @@ impl MaddpgLearner {
                 } else {
                     (0, later[0])
                 };
-                let target = batch.rewards[row] + discount * later;
+                let target = batch.own_rewards[row] + batch.own_later_weight[row] * later;
                 let (part, slope) = loss.of(values[index] - target);
                 slopes[index] = slope * scale;
                 part * scale
@@ -284,7 +279,8 @@ impl MaddpgLearner {
         let (critic, pass) = (&self.critic, &mut self.passes[0]);
         let (space, critics) = (self.space, &self.local_critics);
         let asked = Question::new(&self.twins[0].parameters, *view, actions);
-        let global = || critic.gains(&asked, pass);
+        let heard = self.options.global_weight != GlobalWeight::None;
+        let global = || heard.then(|| critic.gains(&asked, pass));
         let local = || {
             critics.as_ref().map(|critics| {
                 if space.is_choice() {
@@ -293,10 +289,12 @@ impl MaddpgLearner {
                 critics.slopes_along_last(&[known, Rows::all(actions, space.length())])
             })
         };
-        let (mut gains, local) = rayon::join(global, local);
+        let (global, local) = rayon::join(global, local);
+        let mut gains = global.unwrap_or_else(|| vec![0.0; actions.len()]);
         let global_weight = match self.options.global_weight {
             GlobalWeight::Printed => 1.0,
             GlobalWeight::Vehicles => taking_part(view.present) / view.samples() as f32,
+            GlobalWeight::None => 0.0,
         };
         gains.iter_mut().for_each(|gain| *gain *= global_weight);
         for (gain, local) in gains.iter_mut().zip(local.iter().flatten()) {
@@ -340,14 +338,24 @@ mod tests {
     use crate::laboratory::learner::Learner as _;
     use crate::laboratory::random;
 
+    /// The backends that this trainer is built with.
+    const BACKENDS: &[&str] = if cfg!(feature = "burn") {
+        &["own", "burn"]
+    } else {
+        &["own"]
+    };
+
     /// A learner of two vehicles in the paper's form whose critics are constants: their last biases.
-    fn constant_critics(biases: [f32; 2], local: f32) -> MaddpgInCell {
+    fn constant_critics(backend: &str, biases: [f32; 2], local: f32) -> MaddpgInCell {
+        let backend = format!("maddpg.backend={backend}");
         let settings = [
             "scenario.cell.vehicles=2",
+            "scenario.cell.replacement_probability=0.3",
             "maddpg.slots=10",
+            "maddpg.n_step=2",
             "maddpg.replay=10",
             "maddpg.warm_up_slots=1",
-            "maddpg.batch=5",
+            "maddpg.batch=9",
             "maddpg.actor_hidden=[4]",
             "maddpg.local_critic_hidden=[4]",
             "maddpg.global_critic_hidden=[4]",
@@ -355,6 +363,7 @@ mod tests {
             "maddpg.last_critic_learning_rate=0",
             "maddpg.discount=0.5",
             "maddpg.delay=1",
+            &backend,
         ];
         let mut cell = MaddpgInCell::of_preset(Preset::Paper, &settings);
         let learner = &mut cell.learner;
@@ -372,34 +381,45 @@ mod tests {
         cell
     }
 
-    /// With constant critics the losses say what the targets were: `r_g + gamma min(Q'_1, Q'_2)` and `r_l + gamma Q'_l`.
+    /// With constant critics the losses say what the targets were: `r_g + gamma min(Q'_1, Q'_2)`, and `r_l + gamma Q'_l` up to the end
+    /// of who is replaced.
     #[test]
     fn targets_are_rewards_and_the_least_twin() {
-        let mut learner = constant_critics([3.0, -1.0], 2.0);
-        let metrics = learner.advance();
-        let mut batch = Batch::default();
-        // The one update's batch again: its draws follow the episode's exploration in the same stream.
-        let mut stream = random::episode(1, 0, LEARNING);
-        let draws_before = 10 * 2 * 2;
-        (0..draws_before).for_each(|_| {
-            let _noise = stream.normal();
-        });
-        learner.learner.replay.sample(5, 1, 0.5, &mut stream, &mut batch);
-        let square = |value: f64| value * value;
-        let global_reward =
-            |sample: usize| f64::from(batch.rewards[2 * sample] + batch.rewards[2 * sample + 1]) / 2.0;
-        let global: f64 = (0..5)
-            .map(|sample| {
-                let target = global_reward(sample) - 0.5;
-                (square(3.0 - target) + square(-1.0 - target)) / 2.0 / 5.0
-            })
-            .sum();
-        let local: f64 = batch
-            .rewards
-            .iter()
-            .map(|&reward| square(2.0 - (f64::from(reward) + 1.0)) / 10.0)
-            .sum();
-        assert!((metrics.get("global_loss").unwrap() - global).abs() < 1e-4 * global);
-        assert!((metrics.get("local_loss").unwrap() - local).abs() < 1e-4 * local);
+        for backend in BACKENDS {
+            let mut learner = constant_critics(backend, [3.0, -1.0], 2.0);
+            let metrics = learner.advance();
+            let mut batch = Batch::default();
+            // The one update's batch again: its draws follow the episode's exploration in the same stream.
+            let mut stream = random::episode(1, 0, LEARNING);
+            let draws_before = 10 * 2 * 2;
+            (0..draws_before).for_each(|_| {
+                let _noise = stream.normal();
+            });
+            let sought = learner.learner.options.sought();
+            learner.learner.replay.sample(9, sought, &mut stream, &mut batch);
+            let ends = batch.own_later_weight.iter().filter(|&&weight| weight == 0.0);
+            assert!((1..18).contains(&ends.count()), "some end");
+            let square = |value: f64| value * value;
+            let global_reward =
+                |sample: usize| f64::from(batch.rewards[2 * sample] + batch.rewards[2 * sample + 1]) / 2.0;
+            let global: f64 = (0..9)
+                .map(|sample| {
+                    let target = global_reward(sample) - 0.25;
+                    (square(3.0 - target) + square(-1.0 - target)) / 2.0 / 9.0
+                })
+                .sum();
+            let paid = batch.own_rewards.iter().zip(&batch.own_later_weight);
+            let local: f64 = paid
+                .map(|(&reward, &weight)| square(2.0 - f64::from(reward + 2.0 * weight)) / 18.0)
+                .sum();
+            assert!(
+                (metrics.get("global_loss").unwrap() - global).abs() < 1e-4 * global,
+                "{backend}"
+            );
+            assert!(
+                (metrics.get("local_loss").unwrap() - local).abs() < 1e-4 * local,
+                "{backend}"
+            );
+        }
     }
 }

@@ -4,7 +4,8 @@ use super::Recipe;
 use super::rollout::{Experience, play};
 use super::rules::{CellPlace, Costs};
 use super::update::{ActorCritic, Losses, Part};
-use crate::actor_file;
+use crate::algorithm::LearningAlgorithm;
+use crate::first_networks::{self, Expected};
 use crate::game::cell::{Cell, Rules as _};
 use crate::game::{Tally, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
@@ -19,10 +20,37 @@ use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::INPUTS;
 use host_sim::scenario::Scenario;
 use host_sim::stream::{Role, Stream};
-use kit::error::{Error, Result};
+use kit::error::Result;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::path::Path;
+
+impl LearningAlgorithm for Recipe {
+    fn episodes_mut(&mut self) -> &mut u64 {
+        &mut self.episodes
+    }
+
+    fn vehicles(&self, _scenario: &Scenario) -> [u32; 2] {
+        [self.min_vehicles, self.max_vehicles]
+    }
+
+    fn learns_in_mixtures(&self) -> bool {
+        true
+    }
+
+    fn check(&self, _scenario: &Scenario) -> Result<()> {
+        Self::check(self)
+    }
+
+    fn check_cells(&self, cells: &Mixture) -> Result<()> {
+        Self::check_cells(self, cells)
+    }
+
+    fn learner(&self, _scenario: &Scenario, cells: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
+        Ok(Box::new(PpoLearner::new(cells, self.clone(), seed)?))
+    }
+}
 
 /// Uses of the learner's streams.
 enum Use {
@@ -77,10 +105,11 @@ struct Counters {
 }
 
 impl PpoLearner {
-    /// Before the first episode: an actor that scores all observations nearly alike, or the recipe's first actor.
+    /// Before the first episode: an actor that scores all observations nearly alike, or the recipe's first actor; a new critic, or the
+    /// recipe's first.
     ///
     /// # Errors
-    /// The first actor's file, and what is wrong with it.
+    /// The file, and what is wrong with it.
     pub fn new(mixture: Mixture, recipe: Recipe, seed: u64) -> Result<Self> {
         let actor = if recipe.first_actor.as_os_str().is_empty() {
             prior(&recipe, &mut random::initial(seed, Use::FirstActor as u32))
@@ -89,10 +118,13 @@ impl PpoLearner {
         };
         let known = INPUTS + recipe.costs(place(&mixture, 0)).extra();
         let critic_widths = [&[known], &recipe.critic_hidden[..], &[1]].concat();
-        let critic = Network::random(
+        let mut critic = Part::new(Network::random(
             &critic_widths,
             &mut random::initial(seed, Use::FirstCritic as u32),
-        );
+        ));
+        if !recipe.first_critics.as_os_str().is_empty() {
+            first_critic(&recipe.first_critics, &mut critic)?;
+        }
         Ok(Self {
             mixture,
             recipe,
@@ -100,7 +132,7 @@ impl PpoLearner {
             counters: Counters::default(),
             networks: ActorCritic {
                 actor: Part::new(actor),
-                critic: Part::new(critic),
+                critic,
             },
         })
     }
@@ -223,14 +255,8 @@ impl Learner for PpoLearner {
     fn restore(&mut self, mut state: State) -> Result<()> {
         self.counters = state.counters()?;
         let ActorCritic { actor, critic } = &mut self.networks;
-        for (name, Part { network, adam }) in [("actor", actor), ("critic", critic)] {
-            let widths = network.widths().to_vec();
-            network.parameters = take(&mut state, name, &widths)?;
-            adam.mean = take(&mut state, &format!("{name}.mean"), &widths)?;
-            adam.square = take(&mut state, &format!("{name}.square"), &widths)?;
-            let decay = state.take_f32(&format!("{name}.decay"), &[2])?;
-            adam.powers = Powers(decay[0].into(), decay[1].into());
-        }
+        restore_part(&mut state, "actor", actor)?;
+        restore_part(&mut state, "critic", critic)?;
         state.finish()
     }
 
@@ -296,33 +322,35 @@ fn prior(recipe: &Recipe, stream: &mut Stream) -> Network {
 
 /// The actor to go on from, with its scores made sharper or, so that it explores, blunter.
 fn first_actor(recipe: &Recipe) -> Result<Network> {
-    let path = recipe.first_actor.join(actor_file::NAME);
-    if !path.exists() {
-        let found = format!("{}, which does not exist", path.display());
-        let expected = "the folder of a run, such as `trainer distil` leaves";
-        return Err(Error::input("ppo.first_actor", found, expected));
-    }
-    let actors = actor_file::read(&path)?;
-    let form = (actors.form.observation, actors.form.output);
-    if form != (OBSERVATION, OUTPUT) {
-        let found = format!("an actor of observation {:?} and action {:?}", form.0, form.1);
-        let expected = "one of the firmware's, which serves any number of sub-channels";
-        return Err(Error::input(
-            format!("ppo.first_actor: {}", path.display()),
-            found,
-            expected,
-        ));
-    }
-    let mut actor = actors.network(0).clone();
-    let (found, expected) = (actor.widths(), actor_widths(recipe));
-    if !actors.shared() || found != expected {
-        let found = format!("{} of widths {found:?}", actors.networks.len());
-        let expected = format!("one of widths {expected:?} as ppo.hidden says");
-        return Err(Error::input(path.display(), found, expected));
-    }
+    let expected = Expected {
+        key: "ppo.first_actor",
+        form: (OBSERVATION, OUTPUT),
+        widths: &actor_widths(recipe),
+        count: 1,
+    };
+    let mut actor = first_networks::actors(&recipe.first_actor, expected)?.swap_remove(0);
     let (weights, biases) = actor.last_mut();
     for parameter in weights.iter_mut().chain(biases) {
         *parameter *= recipe.first_actor_sharpness;
     }
     Ok(actor)
+}
+
+/// The critic to go on from, as that run's checkpoint has it, with the moments of its gradient.
+fn first_critic(folder: &Path, critic: &mut Part) -> Result<()> {
+    let mut state = first_networks::state(folder, FIRST_CRITICS)?;
+    restore_part(&mut state, "critic", critic).map_err(|error| error.within(FIRST_CRITICS))
+}
+
+const FIRST_CRITICS: &str = "ppo.first_critics";
+
+/// Goes back to a part of a state.
+fn restore_part(state: &mut State, name: &str, Part { network, adam }: &mut Part) -> Result<()> {
+    let widths = network.widths().to_vec();
+    network.parameters = take(state, name, &widths)?;
+    adam.mean = take(state, &format!("{name}.mean"), &widths)?;
+    adam.square = take(state, &format!("{name}.square"), &widths)?;
+    let decay = state.take_f32(&format!("{name}.decay"), &[2])?;
+    adam.powers = Powers(decay[0].into(), decay[1].into());
+    Ok(())
 }

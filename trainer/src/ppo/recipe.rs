@@ -18,6 +18,9 @@ keys! {
         /// Factor of the first actor's scores: less than 1 makes it explore.
         #[key(range = 1e-3..=1e3, source = "chosen")]
         pub first_actor_sharpness: f32,
+        /// Folder of the run of `train` whose critic to go on from, of the same form and widths. Without one, a new one.
+        #[key(source = "chosen")]
+        pub first_critics: PathBuf,
         /// Episodes at the start in which only the critic learns.
         #[key(range = 0.0..=1e6, unit = "episodes", source = "chosen")]
         pub critic_first_episodes: u64,
@@ -27,12 +30,12 @@ keys! {
         /// Widths of the critic's hidden layers.
         #[key(range = 1.0..=MAX_WIDTH as f64, longest = MAX_LAYERS - 1, unit = "widths", source = "chosen")]
         pub critic_hidden: Vec<usize>,
-        /// Episodes of the run; each begins with fresh worlds.
-        #[key(range = 1.0..=1e6, unit = "episodes", source = "chosen")]
-        pub episodes: u64,
         /// What the critic sees.
         #[key(source = "chosen")]
         pub critic_sees: CriticView,
+        /// Episodes of the run; each begins with fresh worlds.
+        #[key(range = 1.0..=1e6, unit = "episodes", source = "chosen")]
+        pub episodes: u64,
         /// Batches of worlds in an episode. The worlds of one batch have the same number of vehicles; in a mixture each batch
         /// is of one cell, as many as its weight says.
         #[key(range = 1.0..=10_000.0, unit = "batches", source = "chosen")]
@@ -96,9 +99,6 @@ keys! {
     }
 }
 
-impl Recipe {
-    /// Checks keys against each other.
-    ///
 choices! {
     /// What the critic sees of a cell.
     pub enum CriticView {
@@ -109,6 +109,9 @@ choices! {
     }
 }
 
+impl Recipe {
+    /// Checks keys against each other.
+    ///
     /// # Errors
     /// A key that does not go with another.
     pub fn check(&self) -> Result<()> {
@@ -144,11 +147,6 @@ choices! {
             found,
             expected,
         ))
-    }
-
-    /// Fewest and most vehicles where a cell does not say.
-    pub const fn vehicles(&self) -> [u32; 2] {
-        [self.min_vehicles, self.max_vehicles]
     }
 
     /// Checks that what belongs to a first actor comes with one.
@@ -189,9 +187,9 @@ choices! {
         Costs {
             team: self.team,
             most_frames: self.most_frames,
-            sees: self.critic_sees,
             transmission: self.transmission,
             scale: 1.0 - self.discount,
+            sees: self.critic_sees,
             place,
         }
     }
