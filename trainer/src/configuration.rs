@@ -11,6 +11,7 @@ use crate::laboratory::learner::Learner;
 use crate::maddpg::options::Maddpg;
 use crate::mixture::{self, CellSource, MixedCell, Mixture};
 use crate::ppo;
+use crate::vdn::Vdn;
 use host_sim::scenario::{self, Scenario};
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
@@ -42,6 +43,8 @@ choices! {
         Mappo = "mappo",
         /// The same with a critic that sees what the vehicle sees.
         Ippo = "ippo",
+        /// Values of all vehicles that add up to the cell's.
+        Vdn = "vdn",
     }
 }
 
@@ -125,6 +128,8 @@ algorithms! {
     maddpg: Maddpg(Maddpg),
     /// Proximal policy optimisation of one actor that all vehicles share, with a critic that sees the whole cell.
     ppo: Ppo(ppo::Recipe),
+    /// Value decomposition networks: one network of values that all vehicles share.
+    vdn: Vdn(Vdn),
 }
 
 /// A checked configuration.
@@ -169,6 +174,7 @@ impl Preset {
             Self::FineTune => include_str!("../presets/fine-tune.toml"),
             Self::Mappo => include_str!("../presets/mappo.toml"),
             Self::Ippo => include_str!("../presets/ippo.toml"),
+            Self::Vdn => include_str!("../presets/vdn.toml"),
         }
     }
 

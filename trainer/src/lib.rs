@@ -36,6 +36,7 @@ pub mod study;
 pub mod trained_actors;
 #[cfg(feature = "program")]
 pub mod training;
+pub mod vdn;
 
 pub use configuration::{Algorithm, Configuration, ConfigurationSource, Preset};
 pub use evaluate::{Comparison, compare};
