@@ -115,6 +115,11 @@ impl CaseResult {
         }
     }
 
+    /// Each world's mean trip time in s.
+    pub fn by_world_s(&self) -> &[f64] {
+        &self.by_world
+    }
+
     /// How much longer a trip takes than in another case, in s, paired by world.
     pub fn beyond(&self, other: &Self) -> Mean {
         let worlds = self.by_world.iter().zip(&other.by_world);

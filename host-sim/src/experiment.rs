@@ -247,6 +247,7 @@ impl Experiment {
             "slots": self.extent.slots,
             "mean_age_ms": ages.mean_ms,
             "mean_age_ci95_ms": ages.ci95_ms,
+            "world_mean_age_ms": ages.by_world_ms,
             "median_world_age_ms": ages.median_world_ms,
             "p99_age_ms": ages.p99_ms,
             "first100_age_ms": ages.first100_ms,

@@ -46,6 +46,8 @@ pub mod command;
 #[cfg(feature = "program")]
 pub mod deadline;
 pub mod decisions;
+#[cfg(feature = "program")]
+pub mod difference;
 pub mod environment;
 pub mod experiment;
 #[cfg(feature = "program")]

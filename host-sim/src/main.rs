@@ -30,6 +30,8 @@ enum Command {
     Sweep(command::sweep::SweepArguments),
     /// The results of all shards as one table
     Merge(command::merge::MergeArguments),
+    /// Two results of one command side by side: settings that differ, and by how much what came out
+    Diff(command::diff::DiffArguments),
     /// Images in QEMU as vehicles of the cell
     Hil(command::hil::HilArguments),
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Sweep(arguments)) => command::sweep::run(&arguments),
         Some(Command::Merge(arguments)) => command::merge::run(&arguments),
+        Some(Command::Diff(arguments)) => command::diff::run(&arguments),
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
         Some(Command::Bench(arguments)) => command::bench::run(&arguments),

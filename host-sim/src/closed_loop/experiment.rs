@@ -374,6 +374,7 @@ fn case_json(result: &CaseResult) -> Value {
     json!({
         "mean_travel_time_s": result.trip_time_s.0,
         "mean_travel_time_ci95_s": result.trip_time_s.1,
+        "world_mean_travel_time_s": result.by_world_s(),
         "vehicles": result.vehicles,
         "waiting_vehicles": result.waiting,
         "trips": result.trips,

@@ -5,6 +5,7 @@ pub mod bench;
 pub mod carry;
 pub mod closed_loop;
 pub mod deadline;
+pub mod diff;
 pub mod explain;
 pub mod figures;
 pub mod hil;
