@@ -7,6 +7,7 @@ pub mod image;
 #[path = "../../firmware/tests/noise.rs"]
 pub mod noise;
 pub mod qemu;
+pub mod schema;
 #[path = "../../firmware/tests/signing.rs"]
 pub mod signing;
 #[path = "../../firmware/tests/table_builder.rs"]

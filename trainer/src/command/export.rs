@@ -20,7 +20,7 @@ use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::{check_output, write_whole};
 use kit::say;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Held-out worlds of each cell of a mixture in which a run is shown, and their slots (chosen: a minute).
@@ -199,6 +199,28 @@ fn check(json: bool) -> Result<()> {
     report(json, &shipped, message, None, &[])
 }
 
+/// The JSON object of a table that was written to the firmware's source, or to none, and of the cells that it was learned in.
+///
+/// # Errors
+/// If two policies of a cell ran in different worlds.
+pub fn to_json(table: &Table<'_>, source: Option<&PathBuf>, cells: &[InCell]) -> Result<Value> {
+    let provenance = table.provenance();
+    let mut object = json!({
+        "seed": provenance.seed,
+        "source_revision": revision_text(&provenance.revision),
+        "source_modified": provenance.modified,
+        "table_bytes": table.bytes().len(),
+        "max_vehicles": table.max_vehicles(),
+        "slot_modelled_share": slot_share(table),
+        "firmware_source": source,
+    });
+    if !cells.is_empty() {
+        let each = cells.iter().map(|cell| cell.to_json(false, false));
+        object["cells"] = json!(each.collect::<Result<Vec<_>>>()?);
+    }
+    Ok(object)
+}
+
 fn report(
     json: bool,
     table: &Table<'_>,
@@ -206,24 +228,11 @@ fn report(
     source: Option<&PathBuf>,
     cells: &[InCell],
 ) -> Result<()> {
-    let provenance = table.provenance();
-    let revision = revision_text(&provenance.revision);
     if json {
-        let mut object = json!({
-            "seed": provenance.seed,
-            "source_revision": revision,
-            "source_modified": provenance.modified,
-            "table_bytes": table.bytes().len(),
-            "max_vehicles": table.max_vehicles(),
-            "slot_modelled_share": slot_share(table),
-            "firmware_source": source,
-        });
-        if !cells.is_empty() {
-            let each = cells.iter().map(|cell| cell.to_json(false, false));
-            object["cells"] = json!(each.collect::<Result<Vec<_>>>()?);
-        }
-        say!("{object}");
+        say!("{}", to_json(table, source, cells)?);
     } else {
+        let provenance = table.provenance();
+        let revision = revision_text(&provenance.revision);
         say!(
             "{message}\n{} bytes for up to {} vehicles, seed {}, sources {revision}. The longest slot takes {:.1} % of 1 ms \
              (modelled).",
