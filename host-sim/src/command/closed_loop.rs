@@ -5,13 +5,13 @@ use crate::closed_loop::experiment::{DEFAULT_WORLDS, LoopExperiment, LoopSource,
 use crate::closed_loop::{CaseResult, LoopSummary, Mean, PolicyResult};
 use crate::command::assign::print_warnings;
 use crate::command::options::{
-    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, within,
+    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, typed, within,
 };
 use crate::journeys::town::Town;
 use crate::policy::Kind;
 use crate::report::chart::{Axis, Bar, BarChart, LineChart, Point, Reference, Series};
-use crate::report::pages;
 use crate::report::table::{Column, Table};
+use crate::report::{answers, pages};
 use crate::threads::thread_pool;
 use assignment::CostWeights;
 use assignment::imported_demand::Unreachable;
@@ -158,17 +158,14 @@ pub fn run(arguments: &LoopArguments) -> Result<()> {
     let cases = cases_table(&experiment, &town, &summary)?;
     // Before anything is written: the hours are lost with a full disk, their numbers are not.
     say!("{}", arguments.text.of(&cases));
+    for answer in answers::of_loop(&experiment.scenario, &summary) {
+        say!("{answer}\n");
+    }
     let mut set = vec![("loop.csv".to_owned(), cases.to_csv())];
     set.extend(figures(&description, &summary)?);
     set.push(("loop.json".to_owned(), format!("{object:#}\n")));
-    let page = pages::closed_loop(
-        &experiment.scenario,
-        &experiment.policies,
-        &experiment.table,
-        &description,
-        &cases,
-        &set,
-    )?;
+    let command = typed("loop", &["--out"]);
+    let page = pages::closed_loop(&experiment, &summary, &description, &cases, &set, &command)?;
     set.push(("loop.html".to_owned(), page.render()));
     write_set(out, &set)?;
     say!("{}", written(out, "loop.html", &set));

@@ -99,6 +99,42 @@ impl TextArguments {
     }
 }
 
+/// The command that this process was started with, for reports: whoever types it gets the same results. Left out is what does not
+/// change them: threads, and `outputs`, the options that say where results go.
+pub fn typed(name: &str, outputs: &[&str]) -> String {
+    typed_from(std::env::args().skip(1), name, outputs)
+}
+
+fn typed_from(words: impl Iterator<Item = String>, name: &str, outputs: &[&str]) -> String {
+    let mut words = words.peekable();
+    let _ = words.next_if(|word| word == name);
+    let mut command = format!("host-sim {name}");
+    while let Some(word) = words.next() {
+        let (option, value) = word
+            .split_once('=')
+            .map_or((word.as_str(), None), |(option, value)| (option, Some(value)));
+        if option == "--threads" || outputs.contains(&option) {
+            if value.is_none() {
+                let _ = words.next();
+            }
+        } else if option != "--wide" {
+            command.push(' ');
+            command.push_str(&quoted(&word));
+        }
+    }
+    command
+}
+
+/// A word as a shell takes it whole.
+fn quoted(word: &str) -> String {
+    let is_plain = |character: char| character.is_alphanumeric() || "-_=.,/:@+".contains(character);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
 /// A progress bar on stderr, unless output is for scripts.
 pub fn progress_bar(steps: u64, template: &str, hidden: bool) -> ProgressBar {
     if hidden {
@@ -128,4 +164,22 @@ pub fn progress_spinner() -> ProgressBar {
     }
     spinner.enable_steady_tick(Duration::from_millis(200));
     spinner
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_repeats_what_was_typed_but_for_where_results_go() {
+        let typed = |line: &str| typed_from(line.split(' ').map(str::to_owned), "run", &["--out"]);
+        let command =
+            typed("run --policy actor --out run --threads 2 --set mobility.x=[1] --out=b --wide --seed 7");
+        assert_eq!(
+            command,
+            "host-sim run --policy actor --set 'mobility.x=[1]' --seed 7"
+        );
+        assert_eq!(typed("--vehicles 40"), "host-sim run --vehicles 40");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+    }
 }

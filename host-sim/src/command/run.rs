@@ -1,11 +1,11 @@
 //! `host-sim run`: ages of all policies on the same worlds, and what they do to the road.
 
 use crate::command::options::{
-    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, within,
+    ScenarioArguments, TextArguments, check_table_is_used, choice, progress_bar, typed, within,
 };
 use crate::experiment::{Experiment, ExperimentSource, PolicyResult, SLOTS, WARMUP, WORLDS};
 use crate::policy::Kind;
-use crate::report::{ages, cell_figures, pages, traffic};
+use crate::report::{ages, answers, cell_figures, pages, traffic};
 use crate::threads::thread_pool;
 use kit::error::Result;
 use kit::files;
@@ -173,8 +173,19 @@ pub fn run(arguments: &RunArguments) -> Result<()> {
         set.extend(traffic::paper_figures(&experiment.scenario)?);
     }
     set.push(("run.json".to_owned(), format!("{object:#}\n")));
+    for answer in answers::of_run(&experiment, &results) {
+        say!("{answer}\n");
+    }
     let tables = [&age_table, &measures];
-    let page = pages::run(&experiment, &results, tables, traffic_table.as_ref(), &set)?;
+    let command = typed("run", &["--out"]);
+    let page = pages::run(
+        &experiment,
+        &results,
+        tables,
+        traffic_table.as_ref(),
+        &set,
+        &command,
+    )?;
     set.push(("report.html".to_owned(), page.render()));
     files::write_set(out, &set)?;
     say!("{}", files::written(out, "report.html", &set));

@@ -7,6 +7,7 @@ use crate::policy::{Decider, Kind};
 use crate::simulation::{Simulation, run_slot};
 use crate::stream::Purpose;
 use firmware::table::Table;
+use firmware::units::Age;
 use kit::error::Result;
 use kit::files::NamedText;
 
@@ -142,6 +143,8 @@ fn age_map(simulation: &Simulation<'_>, policy: &Kind, table: &Table<'_>) -> Map
             extent.slots, extent.warmup
         ),
         quantity: "mean age (ms)".to_owned(),
+        // The page's colours, so that every map of ages reads alike.
+        range: (1.0, f64::from(Age::TIME_CONSTRAINT.slots())),
         ground_m,
         values: sums.iter().map(|row| row.iter().map(mean).collect()).collect(),
         mark: Some((

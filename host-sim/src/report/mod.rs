@@ -1,6 +1,7 @@
 //! What people and scripts read: tables, figures, files.
 
 pub mod ages;
+pub mod answers;
 pub mod carried;
 pub mod cell_figures;
 pub mod chart;

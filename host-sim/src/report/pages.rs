@@ -1,7 +1,10 @@
 //! The HTML reports of `run` and `loop`.
 
+use super::answers::{self, Answer};
 use super::html::{Block, Page, Section};
 use super::table::Table;
+use crate::closed_loop::LoopSummary;
+use crate::closed_loop::experiment::LoopExperiment;
 use crate::experiment::{Experiment, PolicyResult};
 use crate::policy::Kind;
 use crate::revision::revision_text;
@@ -18,7 +21,7 @@ const SCENE: &str = "Vehicles share a few radio sub-channels to one base station
 /// Relative difference of mean ages below which two policies' lines are hard to tell apart (chosen).
 const ALIKE: f64 = 0.005;
 
-/// The report of `run`, with the tables of ages and of what else is measured. `set` holds its figures by file name.
+/// The report of `run`, with the tables of ages and of what else is measured. `set` holds its figures by file name; `command` repeats it.
 ///
 /// # Errors
 /// As [`WeightTable::parse`](crate::weight_table::WeightTable::parse).
@@ -28,6 +31,7 @@ pub fn run(
     [ages, measures]: [&Table; 2],
     traffic: Option<&Table>,
     set: &[NamedText],
+    command: &str,
 ) -> Result<Page> {
     let figures = |captions: &[(&str, &str)]| figures(set, captions);
     let coincide = coincidence(results);
@@ -73,8 +77,8 @@ pub fn run(
                 ),
                 (
                     "age_map.svg",
-                    "Mean age by the vehicles' place under the first policy of the table. Far from the antenna and in shadow \
-                     reports fail more often.",
+                    "Mean age by the vehicles' place under the first policy of the table, in the same colours from 1 to 100 ms in every \
+                     report and on the page. Far from the antenna and in shadow reports fail more often.",
                 ),
             ]),
         },
@@ -118,11 +122,10 @@ pub fn run(
     ];
     let title = "Freshlane: ages of information";
     page(
-        title,
-        summary,
+        (title, summary),
+        answers::of_run(experiment, results),
         facts,
-        &experiment.scenario,
-        &experiment.table,
+        (&experiment.scenario, &experiment.table, command),
         sections,
     )
 }
@@ -139,17 +142,17 @@ fn coincidence(results: &[PolicyResult]) -> &'static str {
     }
 }
 
-/// The report of `loop`. `set` holds its figures by file name.
+/// The report of `loop`. `set` holds its figures by file name; `command` repeats it.
 ///
 /// # Errors
 /// As [`WeightTable::parse`].
 pub fn closed_loop(
-    scenario: &Scenario,
-    policies: &[&'static Kind],
-    weights: &WeightTable,
+    experiment: &LoopExperiment,
+    summary: &LoopSummary,
     description: &str,
     table: &Table,
     set: &[NamedText],
+    command: &str,
 ) -> Result<Page> {
     let captions = [
         (
@@ -169,17 +172,16 @@ pub fn closed_loop(
                advice takes another way if it saves time on what the base station believes. Every row puts one thing more in \
                the way of what it knows."
             .to_owned(),
-        blocks: [meanings(policies), Block::table(table)].into_iter().chain(figures(set, &captions)).collect(),
+        blocks: figures(set, &captions).into_iter().chain([Block::table(table), meanings(&experiment.policies)]).collect(),
     }];
-    let summary =
+    let introduction =
         format!("{SCENE} This is what freshness is worth to a trip, on the same trips and incidents.");
     let facts = vec![("hours", description.to_owned())];
     page(
-        "Freshlane: from slot to street",
-        summary,
+        ("Freshlane: from slot to street", introduction),
+        answers::of_loop(&experiment.scenario, summary),
         facts,
-        scenario,
-        weights,
+        (&experiment.scenario, &experiment.table, command),
         sections,
     )
 }
@@ -200,11 +202,10 @@ fn figures(set: &[NamedText], captions: &[(&str, &str)]) -> Vec<Block> {
 }
 
 fn page(
-    title: &str,
-    summary: String,
+    (title, summary): (&str, String),
+    answers: Vec<Answer>,
     mut facts: Vec<(&'static str, String)>,
-    scenario: &Scenario,
-    weights: &WeightTable,
+    (scenario, weights, command): (&Scenario, &WeightTable, &str),
     mut sections: Vec<Section>,
 ) -> Result<Page> {
     let table = weights.parse()?;
@@ -237,11 +238,12 @@ fn page(
         text: "The same scenario, table and seed give the same numbers on any machine with any number of threads. Training \
                never sees the worlds of an evaluation, whatever its seed."
             .to_owned(),
-        blocks: vec![Block::folded("The whole scenario", &scenario)],
+        blocks: vec![Block::command(command), Block::folded("The whole scenario", &scenario)],
     });
     Ok(Page {
         title: title.to_owned(),
         summary,
+        answers,
         facts,
         sections,
     })

@@ -2,6 +2,7 @@
 
 use super::{AssignArguments, flow_files, page};
 use crate::assign::{Assignment, vehicle_classes};
+use crate::command::options::typed;
 use assignment::link_table::Delay;
 use assignment::report::ImportReport;
 use assignment::{
@@ -248,7 +249,10 @@ pub(super) fn write(
     if let Some(path) = &arguments.report {
         // A report without a map is one still.
         let places = arguments.places(network).ok();
-        let page = page::render(assignment, solved, report, places.as_ref())?;
+        let mut written: Vec<&str> = outputs(arguments).iter().map(|output| output.option).collect();
+        written.push("--unreachable-pairs");
+        let command = typed("assign", &written);
+        let page = page::render(assignment, solved, report, places.as_ref(), &command)?;
         files.push((path, page.into_bytes()));
     }
     let gmns = arguments.gmns.as_deref().map(|folder| {

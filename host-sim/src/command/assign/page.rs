@@ -13,7 +13,7 @@ use kit::error::Result;
 /// Rows of the table of the fullest roads (chosen).
 const FULLEST_ROADS: usize = 20;
 
-/// The page: what came out, a map where places are known, the fullest roads, and what the readers assumed.
+/// The page: what came out, a map where places are known, the fullest roads, what the readers assumed, and the command that repeats it.
 ///
 /// # Errors
 /// A map that cannot be drawn.
@@ -22,6 +22,7 @@ pub(super) fn render(
     solved: &ClassSolution,
     report: &ImportReport,
     places: Option<&NodePlaces>,
+    command: &str,
 ) -> Result<String> {
     let Assignment { network, demand, .. } = assignment;
     let solution = &solved.total;
@@ -51,6 +52,11 @@ pub(super) fn render(
         text: "Every assumption of the readers, with how often it was made.".to_owned(),
         blocks: vec![Block::table(&notes(report)?)],
     });
+    sections.push(Section {
+        heading: "How to repeat it",
+        text: "The same files give the same flows on any machine with any number of threads.".to_owned(),
+        blocks: vec![Block::command(command)],
+    });
     let summary = format!(
         "{} {} between {} pairs of zones on {} roads, to a relative gap of {:.1e}.",
         demand.total(),
@@ -75,6 +81,7 @@ pub(super) fn render(
     let page = Page {
         title: "Freshlane: traffic assignment".to_owned(),
         summary,
+        answers: Vec::new(),
         facts,
         sections,
     };

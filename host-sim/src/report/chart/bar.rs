@@ -20,7 +20,7 @@ const HALF_BAR_PX: f64 = 10.0;
 const HALF_CAP_PX: f64 = 7.0;
 
 /// A bar of ordinary things, and of those that the figure is about: tints of the first two colours of the palette.
-const BAR_COLOURS: [(Colour, Colour); 2] = [
+pub(super) const BAR_COLOURS: [(Colour, Colour); 2] = [
     (PALETTE[0], Colour(158, 202, 225)),
     (PALETTE[1], Colour(253, 190, 133)),
 ];

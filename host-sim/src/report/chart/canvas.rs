@@ -33,7 +33,7 @@ pub(super) const HEIGHT_PX: f64 = 560.0;
 
 /// Red, green and blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Colour(pub u8, pub u8, pub u8);
+pub struct Colour(pub u8, pub u8, pub u8);
 
 impl fmt::Display for Colour {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -44,13 +44,22 @@ impl fmt::Display for Colour {
 impl Colour {
     /// The colour of a surface whose mark has this one: nearer to white (chosen: by three fifths).
     pub(super) fn tint(self) -> Self {
-        let lighter = |channel: u8| 255 - ((255 - u16::from(channel)) * 2 / 5) as u8;
-        Self(lighter(self.0), lighter(self.1), lighter(self.2))
+        self.towards(WHITE)
+    }
+
+    /// Nearer to a ground, by three fifths.
+    pub(super) fn towards(self, ground: Self) -> Self {
+        let nearer = |own: u8, ground: u8| ((2 * u16::from(own) + 3 * u16::from(ground)) / 5) as u8;
+        Self(
+            nearer(self.0, ground.0),
+            nearer(self.1, ground.1),
+            nearer(self.2, ground.2),
+        )
     }
 }
 
 /// The ground.
-const WHITE: Colour = Colour(255, 255, 255);
+pub(super) const WHITE: Colour = Colour(255, 255, 255);
 /// Text and axes.
 pub(super) const INK: Colour = Colour(34, 34, 34);
 /// Secondary text and reference lines.

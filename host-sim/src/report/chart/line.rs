@@ -2,8 +2,8 @@
 
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, At, Colour, DASHES, Dash, Frame, GREY, HEIGHT_PX, LABEL_LINE_PX, PALETTE, Plot, RIM_PX, Type,
-    WIDTH_PX, line, marker, polygon, texts,
+    Anchor, At, Colour, DASHES, Dash, Frame, GREY, HEIGHT_PX, INK, LABEL_LINE_PX, PALETTE, Plot, RIM_PX,
+    Type, WIDTH_PX, line, marker, polygon, texts,
 };
 use super::{Axis, Reference, nothing_to_draw, policy_colours};
 use crate::report::table::{Column, Table};
@@ -172,19 +172,18 @@ impl LineChart {
         Ok(Table::new(columns)?.to_csv())
     }
 
-    /// Of policies alone: each its own colour. Otherwise the palette's, in order.
+    /// A policy has its own colour, a single line beside policies that of writing; others the palette's, in order.
     fn looks(&self) -> Vec<Look> {
-        let of_policies: Option<Vec<Colour>> = self
-            .series
-            .iter()
-            .map(|series| policy_colours::of(&series.name))
-            .collect();
-        let colours = of_policies.unwrap_or_else(|| {
-            let palette = PALETTE.iter().cycle();
-            palette.copied().take(self.series.len()).collect()
+        let own = |series: &Series| policy_colours::of(&series.name);
+        let others = self.series.iter().filter(|series| own(series).is_none()).count();
+        let is_alone = others == 1 && self.series.len() > 1;
+        let palette = PALETTE.iter().cycle();
+        let looks = self.series.iter().zip(palette).enumerate();
+        let looks = looks.map(|(place, (series, &next))| Look {
+            place,
+            colour: own(series).unwrap_or(if is_alone { INK } else { next }),
         });
-        let look = |(place, colour)| Look { place, colour };
-        colours.into_iter().enumerate().map(look).collect()
+        looks.collect()
     }
 
     fn legend(&self, looks: &[Look]) -> Vec<Entry> {

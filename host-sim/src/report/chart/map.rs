@@ -47,6 +47,8 @@ pub struct MapChart {
     pub note: String,
     /// The quantity with its unit.
     pub quantity: String,
+    /// Least and largest value of its colours, the same for maps that are compared; values beyond have the colour of the end.
+    pub range: (f64, f64),
     /// Ground along x and along y in metres.
     pub ground_m: (f64, f64),
     /// `[row][column]`, rows from y = 0 up, columns from x = 0 on; `None` where nothing was measured.
@@ -66,7 +68,8 @@ impl MapChart {
             return Err(nothing_to_draw(&self.title, "value"));
         }
         Axis::logarithmic(&self.quantity).check(&self.title, &values)?;
-        let scale = Ticks::around(Scale::Logarithmic, values);
+        let (least, largest) = self.range;
+        let scale = Ticks::around(Scale::Logarithmic, [least, largest]);
         let frame = Frame::new(&self.title, &self.note);
         let (ground_x, ground_y) = self.ground_m;
         let top = frame.top();

@@ -1,17 +1,18 @@
 //! Figures in one style, as SVG text.
 //!
-//! White ground, sans-serif type, at least 900 x 560 pixels; every label stands outside the data. Series differ by
+//! White ground (and in [`dark`] each colour's like on a dark one), sans-serif type, at least 900 x 560 pixels; every label stands outside the data. Series differ by
 //! colour, by dash and by marker, so that a figure survives a grey printer and a colour-blind reader. The same chart
 //! gives the same bytes on every machine.
 
 mod axis;
 mod bar;
 mod canvas;
+pub(super) mod dark;
 mod line;
 mod map;
 mod occupancy;
 mod panels;
-mod policy_colours;
+pub(super) mod policy_colours;
 mod roads;
 
 pub use bar::{Bar, BarChart};

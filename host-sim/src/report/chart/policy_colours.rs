@@ -1,30 +1,41 @@
-//! One colour for a policy in every figure. The page has the same, beside brighter ones for a dark ground (`web/page/style.css`).
+//! One colour for a policy in figures, reports and terminals, and a brighter one for a dark ground. The page has the same
+//! (`web/page/style.css`).
 
 use super::canvas::{Colour, INK};
 
 /// By policy. Chosen: near Okabe and Ito's blue, green and vermillion for what is compared most, kin near each other (actor and clock,
-/// central and max-weight, both ALOHAs), and a contrast of 4.5 with white, as text needs.
-const COLOURS: [(&str, Colour); 11] = [
-    ("actor", Colour(0, 114, 178)),
-    ("clock", Colour(44, 121, 173)),
-    ("central", Colour(0, 135, 95)),
-    ("max-weight", Colour(63, 127, 79)),
-    ("assigned", Colour(75, 59, 156)),
-    ("grants", Colour(140, 86, 168)),
-    ("sps", Colour(138, 43, 87)),
-    ("age-threshold", Colour(154, 106, 0)),
-    ("aloha", Colour(196, 85, 0)),
-    ("random", Colour(107, 112, 120)),
-    ("always", Colour(184, 72, 135)),
+/// central and max-weight, both ALOHAs), and a contrast of 4.5 with white, as text needs;
+/// then the same hues with a contrast of 7 with a dark ground.
+const COLOURS: [(&str, Colour, Colour); 11] = [
+    ("actor", Colour(0, 114, 178), Colour(108, 184, 230)),
+    ("clock", Colour(44, 121, 173), Colour(164, 211, 242)),
+    ("central", Colour(0, 135, 95), Colour(31, 201, 151)),
+    ("max-weight", Colour(63, 127, 79), Colour(143, 199, 156)),
+    ("assigned", Colour(75, 59, 156), Colour(167, 155, 234)),
+    ("grants", Colour(140, 86, 168), Colour(203, 161, 224)),
+    ("sps", Colour(138, 43, 87), Colour(224, 139, 178)),
+    ("age-threshold", Colour(154, 106, 0), Colour(232, 176, 58)),
+    ("aloha", Colour(196, 85, 0), Colour(242, 129, 58)),
+    ("random", Colour(107, 112, 120), Colour(163, 171, 179)),
+    ("always", Colour(184, 72, 135), Colour(240, 149, 198)),
 ];
 
-/// The colour of the policy of this name, or of the bound that stands beside policies; `None` for whatever else a figure shows.
-pub(super) fn of(name: &str) -> Option<Colour> {
-    if name == "bound" {
-        return Some(INK);
-    }
-    let found = COLOURS.iter().find(|(policy, _)| *policy == name);
-    found.map(|&(_, colour)| colour)
+/// The colour of the policy of this name, or of the bound that stands beside policies; `None` for whatever else a figure shows. A
+/// label may say more, before or behind a colon.
+pub fn of(name: &str) -> Option<Colour> {
+    let named = |part: &str| match part {
+        "bound" => Some(INK),
+        _ => {
+            let found = COLOURS.iter().find(|(policy, ..)| *policy == part);
+            found.map(|&(_, colour, _)| colour)
+        }
+    };
+    name.split(": ").find_map(named)
+}
+
+/// Every policy's colour on white, and on a dark ground.
+pub(super) fn pairs() -> impl Iterator<Item = (Colour, Colour)> {
+    COLOURS.iter().map(|&(_, light, dark)| (light, dark))
 }
 
 #[cfg(test)]
@@ -35,21 +46,22 @@ mod tests {
     #[test]
     fn every_policy_has_a_colour_of_its_own_the_page_s() {
         let style = include_str!("../../../../web/page/style.css");
-        let light = style
-            .split("@media (prefers-color-scheme: dark)")
-            .next()
-            .unwrap_or_default();
+        let (light, dark) = style.split_once("@media (prefers-color-scheme: dark)").unwrap();
         assert_eq!(COLOURS.len(), KINDS.len());
         for kind in KINDS {
-            let found: Vec<_> = COLOURS.iter().filter(|(name, _)| *name == kind.name).collect();
+            let found: Vec<_> = COLOURS.iter().filter(|(name, ..)| *name == kind.name).collect();
             assert_eq!(found.len(), 1, "{}", kind.name);
-            let (name, colour) = found[0];
+            let (name, colour, on_dark) = found[0];
             assert!(
                 light.contains(&format!("--policy-{name}: {colour};")),
                 "{name}: {colour}"
             );
+            assert!(
+                dark.contains(&format!("--policy-{name}: {on_dark};")),
+                "{name}: {on_dark}"
+            );
             assert_eq!(
-                COLOURS.iter().filter(|(_, other)| other == colour).count(),
+                COLOURS.iter().filter(|(_, other, _)| other == colour).count(),
                 1,
                 "{name}"
             );

@@ -1,5 +1,8 @@
-//! Reports as one HTML file that stands alone: no script, no request to anywhere, light or dark as the reader prefers.
+//! Reports as one HTML file that stands alone: no script, no request to anywhere, light or dark as the reader prefers, readable on a
+//! phone and on paper. What the reader asks first is answered first.
 
+use super::answers::Answer;
+use super::chart::dark;
 use super::table::Table;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -11,6 +14,8 @@ pub struct Page {
     pub title: String,
     /// One or two sentences below the title.
     pub summary: String,
+    /// What the report answers first.
+    pub answers: Vec<Answer>,
     /// What was run: names and values.
     pub facts: Vec<(&'static str, String)>,
     /// The rest, in order.
@@ -41,7 +46,7 @@ impl Block {
                     thead { tr {
                         @for column in &columns {
                             th.text[column.is_text()] scope="col" {
-                                (column.head())
+                                (column.head().replace("+-", "±"))
                                 @if !column.unit().is_empty() { small { (column.unit()) } }
                             }
                         }
@@ -57,7 +62,12 @@ impl Block {
 
     /// A figure: SVG of this crate's charts, and what to see in it.
     pub fn figure(svg: &str, caption: &str) -> Self {
-        Self(html! { figure { (PreEscaped(svg)) figcaption { (caption) } } })
+        Self(html! {
+            figure {
+                div.wide tabindex="0" role="group" aria-label="Figure" { (PreEscaped(svg)) }
+                figcaption { (caption) }
+            }
+        })
     }
 
     /// Names and what they stand for.
@@ -65,9 +75,14 @@ impl Block {
         Self(html! { dl { @for (name, value) in terms { dt { (name) } dd { (value) } } } })
     }
 
+    /// A command to type.
+    pub fn command(command: &str) -> Self {
+        Self(html! { pre tabindex="0" aria-label="Command" { code { (command) } } })
+    }
+
     /// Long text that unfolds.
     pub fn folded(summary: &str, text: &str) -> Self {
-        Self(html! { details { summary { (summary) } pre { (text) } } })
+        Self(html! { details { summary { (summary) } pre tabindex="0" aria-label=(summary) { (text) } } })
     }
 }
 
@@ -84,12 +99,19 @@ impl Page {
                     // An empty icon, so that no browser asks a server for one.
                     link rel="icon" href="data:,";
                     title { (self.title) }
-                    style { (PreEscaped(STYLE)) }
+                    style { (PreEscaped(STYLE)) "\n@media screen and (prefers-color-scheme: dark) {\n" (PreEscaped(dark::style())) "}\n" }
                 }
                 body {
                     main {
                         h1 { (self.title) }
                         p { (self.summary) }
+                        @for answer in &self.answers {
+                            section.answer {
+                                h2 { (answer.question) }
+                                p.verdict { (answer.verdict) }
+                                p { (answer.reasons) }
+                            }
+                        }
                         (Block::terms(&self.facts).0)
                         nav aria-label="Contents" {
                             @for (index, section) in self.sections.iter().enumerate() {
@@ -126,6 +148,11 @@ mod tests {
         let page = Page {
             title: "Run & report".to_owned(),
             summary: "All.".to_owned(),
+            answers: vec![Answer {
+                question: "What?",
+                verdict: "This & that.".to_owned(),
+                reasons: "Because.".to_owned(),
+            }],
             facts: vec![("seed", "1".to_owned())],
             sections: vec![Section {
                 heading: "Ages",
@@ -136,6 +163,7 @@ mod tests {
         .render();
         for part in [
             "Run &amp; report",
+            "This &amp; that.",
             "A &lt; B",
             "&lt;b&gt;",
             "4.2",
