@@ -1,6 +1,6 @@
 //! `host-sim carry`: how many vehicles a sub-channel carries at the mean ages that services ask for.
 
-use crate::command::options::{ScenarioArguments, choice, progress_bar, within};
+use crate::command::options::{ScenarioArguments, TextArguments, choice, progress_bar, within};
 use crate::experiment::{ExperimentSource, SLOTS, WORLDS};
 use crate::load::{bound, climb, ladder};
 use crate::mobility::Grid;
@@ -99,7 +99,7 @@ pub fn run(arguments: &CarryArguments) -> Result<()> {
         return Ok(());
     }
     let table = carried::table(&experiment, &climbs, arguments.most)?;
-    say!("{table}");
+    say!("{}", TextArguments::default().of(&table));
     let set = carried::files(&experiment, &climbs, &table)?;
     files::write_set(&out, &set)?;
     let names: Vec<String> = set

@@ -2,6 +2,7 @@
 
 use crate::policy::{Kind, actor};
 use crate::report::table::Table;
+use crate::report::terminal::{coloured, has_colours};
 use crate::scenario::{Preset, ScenarioSource};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
@@ -89,13 +90,14 @@ pub struct TextArguments {
 }
 
 impl TextArguments {
-    /// A table's text.
+    /// A table's text, with policies in their colours where the terminal shows colours.
     pub fn of(self, table: &Table) -> String {
-        if self.wide {
+        let text = if self.wide {
             format!("{table:#}")
         } else {
             table.to_string()
-        }
+        };
+        if has_colours() { coloured(&text) } else { text }
     }
 }
 

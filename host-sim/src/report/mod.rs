@@ -11,4 +11,5 @@ pub mod measured_traffic;
 pub mod pages;
 pub mod parquet;
 pub mod table;
+pub mod terminal;
 pub mod traffic;

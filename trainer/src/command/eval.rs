@@ -214,7 +214,12 @@ fn report(
         .map(|(actor, float)| actor - float);
     if !json {
         let bound = experiment.simulation().bound_age_ms();
-        say!("{}", ages::table(results, &experiment.description(), bound)?);
+        say!(
+            "{}",
+            options
+                .text
+                .of(&ages::table(results, &experiment.description(), bound)?)
+        );
     }
     if let Some(float) = mean("float") {
         object["float_mean_age_ms"] = json!(float);

@@ -47,6 +47,11 @@ impl Colour {
         self.towards(WHITE)
     }
 
+    /// Text of this colour, for terminals.
+    pub fn on_terminal(self, text: &str) -> String {
+        format!("\u{1b}[38;2;{};{};{}m{text}\u{1b}[0m", self.0, self.1, self.2)
+    }
+
     /// Nearer to a ground, by three fifths.
     pub(super) fn towards(self, ground: Self) -> Self {
         let nearer = |own: u8, ground: u8| ((2 * u16::from(own) + 3 * u16::from(ground)) / 5) as u8;
