@@ -238,7 +238,8 @@ pub(crate) struct Progress<'a> {
     max_iterations: usize,
     /// Whether the method is one whose objective creeps on when its gap no longer falls.
     may_crawl: bool,
-    start: Instant,
+    /// A browser's program has no clock.
+    start: Option<Instant>,
     records: Vec<IterationRecord>,
     /// Up to and including each record.
     best: Vec<Best>,
@@ -252,7 +253,7 @@ impl<'a> Progress<'a> {
             gap: options.gap,
             max_iterations: options.max_iterations,
             may_crawl: options.algorithm != Algorithm::PathBased,
-            start: Instant::now(),
+            start: (!cfg!(target_family = "wasm")).then(Instant::now),
             records: Vec::new(),
             best: Vec::new(),
             stopped: Stop::Iterations,
@@ -267,7 +268,7 @@ impl<'a> Progress<'a> {
             iteration: self.records.len(),
             relative_gap,
             objective,
-            seconds: self.start.elapsed().as_secs_f64(),
+            seconds: self.start.map_or(0.0, |start| start.elapsed().as_secs_f64()),
         };
         let observed = (self.observe)(&record);
         self.records.push(record);

@@ -12,7 +12,7 @@ use crate::journeys::delays::{Delays, Fixed};
 use crate::journeys::hour::{self, Case, Outcome, Sight};
 use crate::journeys::incidents::Incidents;
 use crate::journeys::queues::Queues;
-use crate::journeys::radio_seconds::{self, Moment, RadioSecond, Sampled};
+use crate::journeys::radio_seconds::{self, Moment, RadioSecond, Sampled, Sampler};
 use crate::journeys::roads::RoadMap;
 use crate::journeys::town::Town;
 use crate::journeys::trips::{self, Trip};
@@ -307,25 +307,11 @@ pub fn closed_loop(
     let (detected, moments): (Vec<Outcome>, Vec<Vec<Moment>>) = worlds
         .par_iter()
         .map(|world| {
-            let mut moments = Vec::new();
-            let mut before: Vec<OnRoad> = Vec::new();
-            let mut sample = 0;
+            let mut sampler = Sampler::new(town, &world.trips, planning);
             let outcome = run(world, own_speeds, &mut Fixed(0.0), &mut |time_s, now| {
-                // In the middle of the time that it stands for.
-                let due_s = planning.radio_sample_s * (f64::from(sample) + 0.5);
-                if time_s >= due_s && time_s <= planning.horizon_s {
-                    sample += 1;
-                    let connected = |vehicle: u32| {
-                        let trip = &world.trips[vehicle as usize];
-                        trip.connected(planning.connected_share)
-                    };
-                    let look_s = planning.look_s;
-                    moments.extend(radio_seconds::moments(town, &before, now, look_s, connected));
-                }
-                before.clear();
-                before.extend_from_slice(now);
+                sampler.look(time_s, now);
             })?;
-            Ok((outcome, moments))
+            Ok((outcome, sampler.moments()))
         })
         .collect::<Result<Vec<_>>>()?
         .into_iter()
@@ -386,7 +372,10 @@ pub fn closed_loop(
 
 /// Speeds by road of an hour without incidents and advice, in a world that no result comes from; where nobody drove, the free
 /// ones. In m/s.
-fn usual_speeds(town: &Town, options: &LoopOptions<'_>, build: &BuildTraffic<'_>) -> Result<Vec<f64>> {
+///
+/// # Errors
+/// What stops the traffic.
+pub fn usual_speeds(town: &Town, options: &LoopOptions<'_>, build: &BuildTraffic<'_>) -> Result<Vec<f64>> {
     let planning = &options.scenario.planning;
     let key = WorldKey {
         seed: options.seed,

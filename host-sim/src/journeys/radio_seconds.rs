@@ -12,12 +12,13 @@
 use super::OnRoad;
 use super::delays::Delays;
 use super::town::Town;
+use super::trips::Trip;
 use crate::age::{AgeSummary, WorldAges};
 use crate::environment::Environment;
 use crate::lanes::LANES;
 use crate::mobility::{Mobility, MobilitySource, Place};
 use crate::policy::Kind;
-use crate::scenario::Scenario;
+use crate::scenario::{PlanningScenario, Scenario};
 use crate::simulation::{Extent, run_worlds};
 use crate::stream::{Purpose, WorldKey};
 use firmware::table::Table;
@@ -240,6 +241,54 @@ impl Delays for Sampled<'_> {
             // Nobody was ever sampled in this cell: it is alone, and heard in the next slot.
             None => Some(time_s + 1.0 / f64::from(SECOND)),
         }
+    }
+}
+
+/// Takes moments of an hour at even distances, as its looks go by.
+#[derive(Debug)]
+pub struct Sampler<'s> {
+    town: &'s Town,
+    trips: &'s [Trip],
+    planning: &'s PlanningScenario,
+    before: Vec<OnRoad>,
+    samples: u32,
+    moments: Vec<Moment>,
+}
+
+impl<'s> Sampler<'s> {
+    /// Before the first look.
+    pub fn new(town: &'s Town, trips: &'s [Trip], planning: &'s PlanningScenario) -> Self {
+        Self {
+            town,
+            trips,
+            planning,
+            before: Vec::new(),
+            samples: 0,
+            moments: Vec::new(),
+        }
+    }
+
+    /// Sees everybody at a look.
+    pub fn look(&mut self, time_s: f64, now: &[OnRoad]) {
+        let planning = self.planning;
+        // In the middle of the time that it stands for.
+        let due_s = planning.radio_sample_s * (f64::from(self.samples) + 0.5);
+        if time_s >= due_s && time_s <= planning.horizon_s {
+            self.samples += 1;
+            let connected = |vehicle: u32| {
+                let trip = &self.trips[vehicle as usize];
+                trip.connected(planning.connected_share)
+            };
+            let moments = moments(self.town, &self.before, now, planning.look_s, connected);
+            self.moments.extend(moments);
+        }
+        self.before.clear();
+        self.before.extend_from_slice(now);
+    }
+
+    /// Sample by sample, and in each station by station.
+    pub fn moments(self) -> Vec<Moment> {
+        self.moments
     }
 }
 
