@@ -19,7 +19,8 @@ use host_sim::thread_pool;
 use kit::error::Result;
 use kit::files::write_whole;
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn,
+    PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -29,8 +30,8 @@ use trainer::evaluate::compare;
 use trainer::export::{Header, table_bytes};
 use trainer::forms::{as_float, best_action};
 use trainer::laboratory::actors::{ActorForm, Actors};
-use trainer::network::{Layer, Network};
 use trainer::network::perceptron::{Pass, Rows};
+use trainer::network::{Layer, Network};
 use trainer::quantise::quantise;
 
 /// Worlds and slots that calibrate activations (chosen: about a quarter of a million observations of 20 vehicles).

@@ -178,8 +178,12 @@ pub fn seeds() -> Vec<Vec<u8>> {
     let table = Contents::random(1, &[firmware::observation::INPUTS, firmware::decision::ACTIONS]).bytes();
     let table = package(&table, TABLE, &TEST_SECRET);
     let image = image_package(&[0x5a; 200], IMAGES[1], &TEST_SECRET);
-    let begin = |length: usize| UpdateFrame::Begin { length: length as u32 };
-    let begin_image = |length: usize| UpdateFrame::BeginImage { length: length as u32 };
+    let begin = |length: usize| UpdateFrame::Begin {
+        length: length as u32,
+    };
+    let begin_image = |length: usize| UpdateFrame::BeginImage {
+        length: length as u32,
+    };
     vec![
         drive,
         update(begin(table.len()), &table),

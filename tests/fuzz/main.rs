@@ -198,6 +198,6 @@ macro_rules! targets {
 targets! {
     tntp_network tntp_trips tntp_nodes gmns_nodes gmns_links gmns_config gmns_movements gmns_groups gmns_geometry gmns_demand
     sumo_network sumo_routes sumo_zones pairs matrix omx packed_network turns link_table classes flows published_flows
-    parquet_flows paths trace packed_trace scenario grid configuration plan weight_table sealed_table checkpoint actor identity
+    parquet_flows paths trace packed_trace scenario grid configuration plan weight_table sealed_table checkpoint replay_part actor identity
     session
 }

@@ -19,11 +19,12 @@ use host_sim::policy::clock;
 use host_sim::report::table;
 use host_sim::scenario::ScenarioSource;
 use host_sim::weight_table::WeightTable;
+use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use system_tests::table_builder::seal;
 use trainer::laboratory::actors::{ActorForm, Actors};
-use trainer::laboratory::state::State;
+use trainer::laboratory::state::{Part, State};
 use trainer::laboratory::{checkpoint, random};
 use trainer::run_folder::{RunFolder, RunIdentity};
 use trainer::study::Plan;
@@ -185,7 +186,20 @@ pub const TARGETS: &[Target] = &[
         |scene| {
             let path = scene.join("checkpoint.safetensors");
             let bytes = std::fs::read(&path).map_err(|source| kit::error::Error::file(&path, source))?;
-            checkpoint::from_bytes("checkpoint", &bytes, &run())?.check_finite()
+            let no_part = |name: &str| Err(kit::error::Error::input(name, "a part", "none"));
+            checkpoint::from_bytes("checkpoint", &bytes, &[run()], no_part)?
+                .0
+                .check_finite()
+        },
+    ),
+    target(
+        "replay_part",
+        "part.safetensors.gz",
+        Seeds::Made(|_| vec![replay_part().1]),
+        |scene| {
+            let path = scene.join("part.safetensors.gz");
+            let bytes = std::fs::read(&path).map_err(|source| kit::error::Error::file(&path, source))?;
+            checkpoint::part_from_bytes("part", &bytes, replay_part().0).map(drop)
         },
     ),
     target("actor", "actor.safetensors", Seeds::Made(actors), |scene| {
@@ -395,7 +409,14 @@ fn checkpoints(_: &Path) -> Vec<Vec<u8>> {
     let mut state = State::new(serde_json::json!({ "done": 7 }));
     state.put("weights", &[2, 2], vec![1.0_f32, -0.0, f32::MIN_POSITIVE, 3.5]);
     state.put("actions", &[3], vec![0_u8, 1, 255]);
-    vec![checkpoint::to_bytes(&run(), &state).unwrap()]
+    vec![checkpoint::to_bytes(&run(), &state, &BTreeMap::new()).unwrap()]
+}
+
+/// The checksum of a part, and its file.
+fn replay_part() -> (u64, Vec<u8>) {
+    let mut state = State::default();
+    state.put("ages", &[2, 50], vec![7.0_f32; 100]);
+    checkpoint::part_to_bytes(&Part(state.tensors)).unwrap()
 }
 
 fn actors(_: &Path) -> Vec<Vec<u8>> {
