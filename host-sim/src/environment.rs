@@ -416,6 +416,7 @@ impl<'s> Environment<'s> {
                         policy.decide(&senses.of(block, vehicle), &mut decisions.of(block, vehicle));
                     }
                 }
+                policy.conclude(self.vectors, decisions);
             }
             Decider::Scheduler(scheduler) => {
                 scheduler.decide(&self.knowledge(), decisions);

@@ -129,11 +129,13 @@ fn every_vector_unit_gives_the_same_bits() {
     }
 }
 
+/// More than a row.
+const MANY: u64 = LANES as u64 + 8;
+
 /// Observations and transmissions of a run in which every decision is the firmware's unit's. One table for all vehicles, or one
 /// for each.
-fn compare(settings: &[&str], slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
+fn compare(settings: &[&str], worlds: u64, slots: u32, tables: &[Table<'_>]) -> (u64, u64) {
     let scenario = scenario(settings);
-    let worlds = LANES as u64 + 8;
     let mut environment = Environment::new(&scenario, &SOURCE, 3, Purpose::Evaluation, 0..worlds);
     let mut actors = Decider::Policy(actor::build(&environment.setup(), tables));
     let mut noise = (random::KIND.build)(&environment.setup(), &tables[0]);
@@ -189,11 +191,15 @@ fn the_actor_decides_as_the_firmware_s_units_on_a_million_observations() {
         (vec!["radio.sub_channels=1"], 200, 5_000),
         (edge(&["radio.sub_channels=8", "cell.vehicles=50"]), 120, 20_000),
     ] {
-        let (observations, transmissions) = compare(&settings, slots, &[table()]);
+        let (observations, transmissions) = compare(&settings, MANY, slots, &[table()]);
         assert!(transmissions > least, "{settings:?}: {transmissions}");
         sum += observations;
     }
     assert!(sum >= 1_000_000, "{sum}");
+    // A single world, whose vehicles share rows.
+    let settings = [&street[..], &churn, &["cell.vehicles=70"]].concat();
+    let (_, transmissions) = compare(&settings, 1, 500, &[table()]);
+    assert!(transmissions > 500, "{transmissions}");
 }
 
 /// The settings of a preset, as `--set` takes them.
@@ -225,8 +231,10 @@ fn actors_of_every_form_decide_as_the_firmware_s_units() {
         let vehicles = format!("cell.vehicles={}", tables.len().max(3));
         for more in [&[][..], &["feedback.place_loss=0.5", "radio.max_power_dbm=15"]] {
             let settings = [&[vehicles.as_str()], more].concat();
-            let (_, transmissions) = compare(&settings, 100, tables);
-            assert!(transmissions > 100, "{settings:?}: {transmissions}");
+            for (worlds, least) in [(MANY, 100), (1, 2)] {
+                let (_, transmissions) = compare(&settings, worlds, 100, tables);
+                assert!(transmissions > least, "{settings:?}: {transmissions}");
+            }
         }
     }
 }

@@ -5,7 +5,7 @@
 //! [knows](Knowledge), an [`Oracle`] the [truth](Truth).
 
 use crate::decisions::{Decisions, VehicleDecisions};
-use crate::lanes::{LANES, LaneStream, Row};
+use crate::lanes::{LANES, LaneStream, Row, Vectors};
 use crate::scenario::Scenario;
 use crate::senses::{Broadcasts, Senses};
 use crate::stream::{Role, Stream, WorldKey};
@@ -106,6 +106,10 @@ pub trait Policy {
 
     /// Writes what one vehicle does in a row of worlds; it is silent beforehand.
     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>);
+
+    /// Writes what those do for whom `decide` wrote nothing, once all vehicles of all worlds have sensed. For policies that work on
+    /// many vehicles at a time.
+    fn conclude(&mut self, _vectors: Vectors, _decisions: &mut Decisions) {}
 }
 
 /// A base station that decides for everybody, from what it knows.

@@ -3,12 +3,13 @@
 //! Encoding, choice and power are the library's own lines, called lane by lane. The network's products alone are written anew for
 //! rows of worlds (`network`), and `tests/environment.rs` compares them with the library's. A unit that has a measurement in every
 //! slot decides by the actor alone, so no state is kept. For tables of other forms than the shipped one's, and for vehicles with tables of their own, `forms` puts
-//! the library's own encoders and decoders around the network. Where modems may measure nothing, `units` decide; so
-//! they do for a single world, which is less work than a row of which one lane counts.
+//! the library's own encoders and decoders around the network. In a single world the lanes are vehicles (`single`). Where modems may
+//! measure nothing, and in a single world whose vehicles have tables of their own, `units` decide.
 
 mod forms;
 mod network;
 mod observation;
+mod single;
 mod units;
 
 use super::{Decider, Kind, Needs, Policy, Setup};
@@ -36,10 +37,12 @@ pub static KIND: Kind = Kind {
 /// The actors in the way that fits the worlds: with one table for all vehicles, or one for each.
 pub fn build<'t>(setup: &Setup<'_>, tables: &'t [Table<'t>]) -> Box<dyn Policy + 't> {
     let misses = setup.scenario.feedback.measurement_loss > 0.0;
-    if setup.worlds() == 1 || misses {
+    if misses {
         return Box::new(units::Units::new(tables, setup));
     }
     match tables {
+        [table] if setup.worlds() == 1 => Box::new(single::SingleWorld::new(table, setup.vehicles)),
+        _ if setup.worlds() == 1 => Box::new(units::Units::new(tables, setup)),
         [table]
             if table.observation_form() == ObservationForm::Ring
                 && table.output_form() == OutputForm::Actions =>
