@@ -311,7 +311,7 @@ fn a_link_and_the_controls_say_the_same() {
 }
 
 #[test]
-fn the_tour_shows_four_pairs_of_cells() {
+fn the_tour_shows_four_pairs_of_cells_and_towns() {
     let page = open("");
     for (step, beside, policy) in [
         (1, "aloha", "actor"),
@@ -328,7 +328,21 @@ fn the_tour_shows_four_pairs_of_cells() {
         }
         page.wait_for("document.getElementById('cell').dataset.elapsed > 10");
     }
+    let _ = page.value("document.getElementById('tour-next').click()");
+    page.wait_for("document.getElementById('heard-map').clientWidth > 100");
+    assert_eq!(page.value("document.getElementById('map').clientWidth"), 0);
     assert_eq!(page.value("document.getElementById('tour-next').disabled"), true);
+    // Some minutes into the incident those who are told have gone around.
+    let queues =
+        "['blind', 'heard'].map((side) => parseInt(document.getElementById(`${side}-queue`).textContent))";
+    page.set("town-time", "270");
+    page.wait_for("document.getElementById('town-clock').textContent === 'minute 14:00'");
+    let queues = page.value(queues);
+    let queued = |side: usize| queues[side].as_u64().unwrap();
+    assert!(queued(0) > queued(1) && queued(1) > 0, "{queues}");
+    // And back to cells.
+    let _ = page.value("document.getElementById('tour-back').click()");
+    page.wait_for("document.getElementById('map').clientWidth > 100");
     assert_nothing_went_wrong(&page);
 }
 

@@ -8,6 +8,7 @@ import { read, write } from "./links.js";
 import { drawMap, drawScale, find } from "./map.js";
 import { placeOf, setText, showCommand, showLegend, showSummaries, showVehicles } from "./tables.js";
 import { STEPS } from "./tour.js";
+import { Town } from "./town.js";
 
 const COMPARISONS = ["central", "age-threshold"];
 /** What decides where the network does not serve: the rules that it was distilled from. */
@@ -17,6 +18,8 @@ const SLOTS_MS = 10;
 /** Longest time since the frame before that counts: a page in the background does not catch up. */
 const FRAME_MS = 100;
 const TEXTS_EVERY_MS = 125;
+/** Time in which the page says what it waits for, before the town keeps it busy. */
+const TOWN_AFTER_MS = 50;
 /** Slots whose mean age stands above a map. */
 const SHOWN_SLOTS = 50;
 /** Slots before the first picture where nothing may move, so that it tells something. */
@@ -27,6 +30,8 @@ const stage = element("cell"), canvas = element("map"), still = matchMedia("(pre
 
 const state = {
   module: null, cell: null, beside: null, vehicles: [],
+  /** The tour's last step; null before it was first there. */
+  town: null,
   /** What links are checked against: the policies' names, and room for vehicles. */
   known: null,
   /** The controls as a link has them, and those of the world that runs. */
@@ -37,6 +42,8 @@ const state = {
   debt: 0, msPerSlot: 0.05, frameAt: 0, slots: 0, textsAt: 0, joined: 0,
 };
 
+/** Whether towns are shown in the place of cells. */
+const inTown = () => Boolean(STEPS[state.values.step].town);
 const until = () => Number(state.values.until || Infinity);
 const settingsOf = (values) => [
   `cell.vehicles=${values.vehicles}`, `radio.min_spectral_efficiency=${values["c-min"]}`, ...IMPERFECTIONS[values.imperfections].settings,
@@ -184,7 +191,9 @@ function slotsOfFrame(now) {
 
 function frame(now) {
   requestAnimationFrame(frame);
-  if (!state.cell || !state.running) return;
+  if (!state.cell) return;
+  if (inTown()) return guarded(() => state.town?.frame(now))();
+  if (!state.running) return;
   try {
     const begin = performance.now(), slots = slotsOfFrame(now);
     if (slots > 0) {
@@ -276,6 +285,21 @@ function showTour() {
   setText(element("tour-next"), step === 0 ? "Take the tour" : "Next");
   element("tour-next").disabled = step === STEPS.length - 1;
   element("tour-back").disabled = step === 0;
+  if (inTown()) showTown();
+  else stage.removeAttribute("data-scene");
+}
+
+/** The tour's last step. It is run ahead once, after the page has said so. */
+function showTown() {
+  stage.dataset.scene = "town";
+  if (state.town) return state.town.begin(still.matches);
+  return setTimeout(guarded(() => {
+    if (!inTown()) return;
+    state.town ??= new Town(state.module, { seed: DEFAULTS.seed, policy: DEFAULTS.policy });
+    setText(element("town-wait"), "");
+    element("town-stage").hidden = false;
+    state.town.begin(still.matches);
+  }), TOWN_AFTER_MS);
 }
 
 /** A step of the tour: its controls, a new world. */
@@ -330,7 +354,11 @@ function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input, select, textarea")) return;
   const key = event.key.toLowerCase(), letters = state.values.keys === "on";
   // Space on a button presses it.
-  if (key === " " && !event.target.matches("button, summary")) run(!state.running);
+  if (key === " " && event.target.matches("button, summary")) return;
+  if (inTown()) {
+    if (key !== " ") return;
+    state.town?.run(!state.town.running);
+  } else if (key === " ") run(!state.running);
   else if (letters && key === "s") oneSlot();
   else if (letters && key === "a") joinSomewhere();
   else return;
@@ -343,6 +371,8 @@ function listen() {
   on("step", "click", oneSlot);
   on("add", "click", joinSomewhere);
   on("restart", "click", () => open());
+  on("town-play", "click", () => state.town.run(!state.town.running));
+  on("town-time", "input", (event) => state.town.seek(Number(event.target.value)));
   on("tour-back", "click", () => go(-1));
   on("tour-next", "click", () => go(1));
   on("policy", "change", (event) => setPolicy(event.target.value));
@@ -367,10 +397,14 @@ function listen() {
   }
   document.addEventListener("keydown", guarded(onKey));
   addEventListener("hashchange", guarded(() => { recall(); run(!still.matches); }));
-  const redraw = guarded(() => { drawScale(element("scale")); draw(); });
+  const redraw = guarded(() => {
+    if (inTown()) return state.town?.draw();
+    drawScale(element("scale"));
+    return draw();
+  });
   new ResizeObserver(redraw).observe(stage);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  still.addEventListener("change", guarded(() => { if (still.matches) run(false); }));
+  still.addEventListener("change", guarded(() => { if (still.matches) { run(false); state.town?.run(false); } }));
 }
 
 /** An event's work; whatever goes wrong in it must not end the page. */

@@ -1,36 +1,29 @@
 // The simulation: a thin wrapper around the exported functions (web/src/exports.rs), one instance for each world.
 
-const text = { encoder: new TextEncoder(), decoder: new TextDecoder() };
+import { Program } from "./program.js";
+
+export { Refusal, load } from "./program.js";
 
 /** Where in a vehicle's numbers its sub-channel of the last slot stands, and whether it was received (`VEHICLE_NUMBERS` there). */
 const SENT_ON = 3, RECEIVED = 4;
 
-/** What the program refuses, in its own words. */
-export class Refusal extends Error {}
-
-/** Loads the program once; every world is a new instance of it. */
-export async function load(url) {
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`${url}: the server answers ${response.status}`);
-  // Plain file servers may not know the media type that streaming compilation asks for.
-  return WebAssembly.compile(await response.arrayBuffer());
-}
-
 export class Cell {
+  #program;
   #exports;
   /** By vehicle: how many slots before the last one it was received, and not received, in the last `advance`; undefined if never. */
   sent = { received: [], lost: [] };
 
   /** The world that `request` asks for (web/src/session.rs, `Request`), before its first slot. Throws a Refusal. */
   constructor(module, request) {
-    this.#exports = new WebAssembly.Instance(module).exports;
-    this.about = JSON.parse(this.#ask(this.#exports.cell_open, JSON.stringify(request)));
+    this.#program = new Program(module);
+    this.#exports = this.#program.exports;
+    this.about = JSON.parse(this.#program.ask(this.#exports.cell_open, JSON.stringify(request)));
     this.runs = this.about.runs;
   }
 
   /** A new policy for the first run. Throws a Refusal. */
   setPolicy(name) {
-    this.#ask(this.#exports.cell_set_policy, name);
+    this.#program.ask(this.#exports.cell_set_policy, name);
     this.runs = [name, ...this.runs.slice(1)];
   }
 
@@ -43,7 +36,7 @@ export class Cell {
     const width = this.about.layout.vehicle_numbers;
     for (let left = slots - 1; left >= 0; left -= 1) {
       this.#exports.cell_advance(1);
-      const count = this.#exports.cell_vehicle_count(), numbers = this.#view(Float32Array, this.#exports.cell_vehicles(), count * width);
+      const count = this.#exports.cell_vehicle_count(), numbers = this.#program.view(Float32Array, this.#exports.cell_vehicles(), count * width);
       for (let index = 0; index < count; index += 1) {
         const at = index * width;
         if (numbers[at + SENT_ON] >= 0) this.sent[numbers[at + RECEIVED] > 0 ? "received" : "lost"][index] = left;
@@ -68,7 +61,7 @@ export class Cell {
   /** Every vehicle as of now. */
   vehicles() {
     const width = this.about.layout.vehicle_numbers, count = this.#exports.cell_vehicle_count();
-    const numbers = this.#view(Float32Array, this.#exports.cell_vehicles(), count * width);
+    const numbers = this.#program.view(Float32Array, this.#exports.cell_vehicles(), count * width);
     return Array.from({ length: count }, (_, index) => {
       const [x, y, age, subChannel, received, jammed, place, called] = numbers.subarray(index * width, (index + 1) * width);
       return { index, x, y, age, subChannel, received: received > 0, jammed: jammed > 0, place, called: called > 0 };
@@ -78,7 +71,7 @@ export class Cell {
   /** For every run: mean age, 99th percentile and receptions a slot; NaN until ages count. */
   summaries() {
     const width = this.about.layout.summary_numbers;
-    const numbers = this.#view(Float64Array, this.#exports.cell_summaries(), this.runs.length * width);
+    const numbers = this.#program.view(Float64Array, this.#exports.cell_summaries(), this.runs.length * width);
     return this.runs.map((policy, run) => {
       const [mean, p99, received] = numbers.subarray(run * width, (run + 1) * width);
       return { policy, mean, p99, received };
@@ -88,7 +81,7 @@ export class Cell {
   /** Mean age after slot `slot` of a run, for the last slots. */
   history(run) {
     const length = this.about.layout.history_slots;
-    const ring = this.#view(Float32Array, this.#exports.cell_history_ms(run), length);
+    const ring = this.#program.view(Float32Array, this.#exports.cell_history_ms(run), length);
     return (slot) => ring[slot % length];
   }
 
@@ -99,23 +92,10 @@ export class Cell {
   occupancy() {
     const { occupancy_slots: length, use_bytes: width, nobody } = this.about.layout;
     const subChannels = this.about.scenario.radio.sub_channels;
-    const ring = this.#view(Uint8Array, this.#exports.cell_occupancy(), length * subChannels * width);
+    const ring = this.#program.view(Uint8Array, this.#exports.cell_occupancy(), length * subChannels * width);
     return (slot, subChannel) => {
       const at = ((slot % length) * subChannels + subChannel) * width;
       return { senders: ring[at], jammed: ring[at + 1], received: ring[at + 2] === nobody ? null : ring[at + 2], open: ring[at + 3] > 0 };
     };
   }
-
-  #ask(call, words) {
-    const bytes = text.encoder.encode(words);
-    this.#view(Uint8Array, this.#exports.cell_text(bytes.length), bytes.length).set(bytes);
-    const good = call();
-    const answer = this.#view(Uint8Array, this.#exports.cell_answer(), this.#exports.cell_answer_length());
-    const words_back = text.decoder.decode(answer);
-    if (!good) throw new Refusal(words_back);
-    return words_back;
-  }
-
-  // Memory may have moved with every call: a view is good until the next one.
-  #view(Type, address, length) { return new Type(this.#exports.memory.buffer, address >>> 0, length); }
 }

@@ -1,4 +1,4 @@
-// The tour: what a visitor sees first, and four steps, each a pair of cells and what to look at.
+// The tour: what a visitor sees first, and five steps, each a pair and what to look at: of cells, and at last of towns.
 
 export const STEPS = [
   {
@@ -28,8 +28,16 @@ export const STEPS = [
   {
     title: "A car stands, one is jammed",
     text: "Vehicle 3, crossed out, is jammed: nothing that it sends arrives, its age only grows, and the others lose little. Three in ten now stand: where fading follows speed, "
-      + "a weak spot lasts. Press a vehicle to jam or free it. What late knowledge costs a trip is the command line’s: host-sim loop.",
+      + "a weak spot lasts. Press a vehicle to jam or free it.",
     controls: { imperfections: "standing" },
     jammed: [3],
+  },
+  {
+    title: "An incident, and the way around it",
+    text: "The same streets as a town with some 220 vehicles, sixty times as fast. For ten minutes an incident takes three quarters of a street’s capacity. Left nobody is told. Right three in ten "
+      + "vehicles report their speed over this radio, and the half that follows advice drives around. What counts is that somebody reports from the street, and that drivers follow: "
+      + "a few milliseconds more or less would not be felt. host-sim loop says how much each thing costs a trip.",
+    controls: {},
+    town: true,
   },
 ];

@@ -1,13 +1,14 @@
 //! What JavaScript calls. Text goes in and out through one buffer of the instance; views are addresses of arrays in its memory
-//! ([`crate::session`] has their layouts), good until the next call.
+//! ([`crate::session`] and [`crate::town`] have their layouts), good until the next call.
 //!
 //! Without a session every call does nothing: lengths are 0 and answers are `false`.
 #![expect(
     unsafe_code,
-    reason = "a name that JavaScript can call has to be exported unmangled; all of them begin with `cell_`, and nothing else here is unsafe"
+    reason = "a name that JavaScript can call has to be exported unmangled; all of them begin with `cell_` or `town_`, and nothing else here is unsafe"
 )]
 
 use crate::session::{Request, Session};
+use crate::town::{Pictures, TownRequest, TownSession};
 use kit::error::{Error, Result};
 use std::cell::RefCell;
 
@@ -15,6 +16,7 @@ use std::cell::RefCell;
 struct Instance {
     text: Vec<u8>,
     session: Option<Session>,
+    town: Option<TownSession>,
 }
 
 thread_local! {
@@ -139,6 +141,39 @@ pub extern "C" fn cell_history_ms(run: usize) -> *const f32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn cell_summaries() -> *const f64 {
     with_session(std::ptr::null(), |session| session.summaries().as_ptr())
+}
+
+/// Runs the town that the text asks for ([`TownRequest`] as JSON) to its end. The answer's text describes it
+/// ([`TownSession::description`]), or says in one line what does not fit.
+#[unsafe(no_mangle)]
+pub extern "C" fn town_open() -> bool {
+    answer(|instance| {
+        let request: TownRequest = serde_json::from_slice(&instance.text)
+            .map_err(|error| Error::input("request", error, "a town to open"))?;
+        let town = TownSession::open(&request)?;
+        let description = town.description().to_string();
+        instance.town = Some(town);
+        Ok(description)
+    })
+}
+
+/// Address of [`Pictures::starts`] of a side.
+#[unsafe(no_mangle)]
+pub extern "C" fn town_starts(side: usize) -> *const u32 {
+    with_pictures(std::ptr::null(), side, |pictures| pictures.starts().as_ptr())
+}
+
+/// Address of [`Pictures::numbers`] of a side.
+#[unsafe(no_mangle)]
+pub extern "C" fn town_numbers(side: usize) -> *const f32 {
+    with_pictures(std::ptr::null(), side, |pictures| pictures.numbers().as_ptr())
+}
+
+fn with_pictures<T>(without: T, side: usize, work: impl FnOnce(&Pictures) -> T) -> T {
+    INSTANCE.with_borrow(|instance| {
+        let pictures = instance.town.as_ref().and_then(|town| town.side(side));
+        pictures.map_or(without, work)
+    })
 }
 
 fn with_session<T>(without: T, work: impl FnOnce(&mut Session) -> T) -> T {
