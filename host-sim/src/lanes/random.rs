@@ -5,7 +5,7 @@
 //! argument to be independent, and additions, rotations and exclusive ors alone, which every vector unit has. A draw costs
 //! 26 vector operations where a rotation is one, 35 where it is three.
 
-use super::units::{Kernel, Products, Rotation, Unit};
+use super::units::{Kernel, Products, Unit};
 use super::{LANES, Row, Vectors};
 use crate::stream::{Role, WorldKey};
 
@@ -126,20 +126,13 @@ fn quarter_round<U: Unit, const A: usize, const B: usize, const C: usize, const 
     words: &mut [U::Vector; BLOCK],
 ) {
     words[A] = unit.add(words[A], words[B]);
-    words[D] = unit.rotate::<By<16>>(unit.xor(words[D], words[A]));
+    words[D] = unit.rotate::<16, 16>(unit.xor(words[D], words[A]));
     words[C] = unit.add(words[C], words[D]);
-    words[B] = unit.rotate::<By<12>>(unit.xor(words[B], words[C]));
+    words[B] = unit.rotate::<12, 20>(unit.xor(words[B], words[C]));
     words[A] = unit.add(words[A], words[B]);
-    words[D] = unit.rotate::<By<8>>(unit.xor(words[D], words[A]));
+    words[D] = unit.rotate::<8, 24>(unit.xor(words[D], words[A]));
     words[C] = unit.add(words[C], words[D]);
-    words[B] = unit.rotate::<By<7>>(unit.xor(words[B], words[C]));
-}
-
-/// A rotation to the left.
-struct By<const BITS: i32>;
-
-impl<const BITS: i32> Rotation for By<BITS> {
-    const LEFT: i32 = BITS;
+    words[B] = unit.rotate::<7, 25>(unit.xor(words[B], words[C]));
 }
 
 /// A word as a number in (0, 1): an odd multiple of 2^-24.

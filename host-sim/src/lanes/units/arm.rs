@@ -1,10 +1,10 @@
 //! AArch64: NEON, with byte products where the processor has them (from Armv8.2 on).
 
-use super::{Products, Rotation, Unit, lane_after_lane};
+use super::{Products, Unit, lane_after_lane};
 use crate::lanes::Row;
 use crate::lanes::dense::{BYTES_BELOW, Block, Dense};
 use pulp::aarch64::Neon;
-use std::arch::aarch64::{int32x4_t, uint32x4_t};
+use std::arch::aarch64::int32x4_t;
 
 impl Unit for Neon {
     type Vector = int32x4_t;
@@ -37,12 +37,13 @@ impl Unit for Neon {
     }
 
     #[inline(always)]
-    fn rotate<R: Rotation>(self, vector: int32x4_t) -> int32x4_t {
-        let vector: uint32x4_t = pulp::cast(vector);
-        let left = self.neon.vdupq_n_s32(R::LEFT);
-        let right = self.neon.vdupq_n_s32(R::LEFT - 32);
-        let high = self.neon.vshlq_u32(vector, left);
-        pulp::cast(self.neon.vorrq_u32(high, self.neon.vshlq_u32(vector, right)))
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, vector: int32x4_t) -> int32x4_t {
+        if LEFT == 16 {
+            return pulp::cast(self.neon.vrev32q_u16(pulp::cast(vector)));
+        }
+        let high = self.neon.vshlq_n_s32::<LEFT>(vector);
+        // The bits from the right go in below those.
+        self.neon.vsriq_n_s32::<RIGHT>(high, vector)
     }
 
     #[inline(always)]
@@ -73,21 +74,16 @@ impl Products<2> for Neon {
     #[inline(always)]
     fn add_products(self, sums: int32x4_t, activations: int32x4_t, weights: int32x4_t) -> int32x4_t {
         let (activations, weights) = (pulp::cast(activations), pulp::cast(weights));
-        let low = self.neon.vmull_s16(
-            self.neon.vget_low_s16(activations),
-            self.neon.vget_low_s16(weights),
-        );
-        let high = self.neon.vmull_high_s16(activations, weights);
-        self.neon.vaddq_s32(sums, self.neon.vpaddq_s32(low, high))
+        let first = self.neon.vget_low_s16(activations);
+        let sums = self.neon.vmlal_laneq_s16::<0>(sums, first, weights);
+        self.neon.vmlal_high_laneq_s16::<1>(sums, activations, weights)
     }
 
     #[inline(always)]
     fn pack(self, [first, second]: [int32x4_t; 2]) -> int32x4_t {
+        // One column after the other: an instruction multiplies all lanes of one.
         let narrow = self.neon.vqmovn_high_s32(self.neon.vqmovn_s32(first), second);
-        let narrow = self.neon.vqmovun_s16(narrow);
-        let bytes = self.neon.vcombine_u8(narrow, narrow);
-        let indices = const { lane_after_lane::<2>() };
-        pulp::cast(self.neon.vqtbl1q_u8(bytes, pulp::cast(indices)))
+        pulp::cast(self.neon.vmovl_u8(self.neon.vqmovun_s16(narrow)))
     }
 }
 

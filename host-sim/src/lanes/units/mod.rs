@@ -14,12 +14,6 @@ pub mod x86;
 use super::dense::{Block, Dense};
 use super::{Row, Vectors};
 
-/// By how much bits are rotated.
-pub trait Rotation {
-    /// To the left.
-    const LEFT: i32;
-}
-
 /// Vectors of 32-bit lanes.
 pub trait Unit: Copy {
     /// `WIDTH` lanes.
@@ -43,14 +37,16 @@ pub trait Unit: Copy {
     /// Bits that differ.
     fn xor(self, one: Self::Vector, other: Self::Vector) -> Self::Vector;
 
-    /// All lanes' bits moved to the left by [`Rotation::LEFT`], and those that fall out put in at the right.
-    fn rotate<R: Rotation>(self, vector: Self::Vector) -> Self::Vector;
+    /// All lanes' bits moved to the left by `LEFT`, and those that fall out put in at the right: that is, moved there by `RIGHT`, 32 less
+    /// `LEFT`, which the compiler cannot know from it.
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, vector: Self::Vector) -> Self::Vector;
 
     /// The upper halves of [`firmware::network::scaled_product`]: products in 1/2^32, rounded.
     fn scale(self, sums: Self::Vector, multipliers: Self::Vector) -> Self::Vector;
 }
 
-/// Products of activations and weights of which a lane holds those of so many columns.
+/// Products of activations and weights, of which a vector holds as many columns' as fit into its lanes: of weights side by side in each
+/// lane, of activations in the order that the instructions take.
 ///
 /// As many rows of a layer are worked on together: their results are the columns of a lane of the next layer.
 pub trait Products<const COLUMNS: usize>: Copy {
@@ -71,7 +67,7 @@ pub trait Products<const COLUMNS: usize>: Copy {
         weights: <Self::Unit as Unit>::Vector,
     ) -> <Self::Unit as Unit>::Vector;
 
-    /// Activations of columns, clamped to 0 to 255, in the columns' places in their lanes.
+    /// Activations of columns, clamped to 0 to 255, in one vector.
     fn pack(self, columns: [<Self::Unit as Unit>::Vector; COLUMNS]) -> <Self::Unit as Unit>::Vector;
 }
 

@@ -1,6 +1,6 @@
 //! Without any vector unit's instructions by name: what the others are compared with.
 
-use super::{Products, Rotation, Unit};
+use super::{Products, Unit};
 use crate::lanes::Row;
 use crate::lanes::dense::{Block, Dense};
 use firmware::network::scaled_product;
@@ -48,9 +48,9 @@ impl Unit for Plain {
     }
 
     #[inline(always)]
-    fn rotate<R: Rotation>(self, mut vector: Self::Vector) -> Self::Vector {
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, mut vector: Self::Vector) -> Self::Vector {
         for lane in 0..WIDTH {
-            vector[lane] = vector[lane].rotate_left(R::LEFT as u32);
+            vector[lane] = vector[lane].rotate_left(LEFT as u32);
         }
         vector
     }

@@ -1,6 +1,6 @@
 //! WebAssembly: vectors of 128 bits.
 
-use super::{Products, Rotation, Unit, lane_after_lane};
+use super::{Products, Unit, lane_after_lane};
 use crate::lanes::Row;
 use crate::lanes::dense::{Block, Dense};
 use pulp::wasm::Simd128;
@@ -37,9 +37,9 @@ impl Unit for Simd128 {
     }
 
     #[inline(always)]
-    fn rotate<R: Rotation>(self, vector: v128) -> v128 {
-        let high = self.simd128.i32x4_shl(vector, R::LEFT as u32);
-        let low = self.simd128.u32x4_shr(vector, (32 - R::LEFT) as u32);
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, vector: v128) -> v128 {
+        let high = self.simd128.i32x4_shl(vector, LEFT as u32);
+        let low = self.simd128.u32x4_shr(vector, RIGHT as u32);
         self.simd128.v128_or(high, low)
     }
 

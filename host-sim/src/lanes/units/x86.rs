@@ -1,6 +1,6 @@
 //! x86-64: AVX2 and AVX-512, with byte products (VNNI) where the processor has them.
 
-use super::{Kernel, Products, Rotation, Unit, lane_after_lane};
+use super::{Kernel, Products, Unit, lane_after_lane};
 use crate::lanes::Row;
 use crate::lanes::dense::{Block, Dense};
 use pulp::x86::{V3, V4};
@@ -37,7 +37,7 @@ impl Unit for V3 {
     }
 
     #[inline(always)]
-    fn rotate<R: Rotation>(self, vector: __m256i) -> __m256i {
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, vector: __m256i) -> __m256i {
         /// For whole bytes: where each comes from.
         const fn indices(bytes: u8) -> [u8; 16] {
             let mut indices = [0; 16];
@@ -48,17 +48,15 @@ impl Unit for V3 {
             }
             indices
         }
-        if R::LEFT % 8 == 0 {
-            let indices = pulp::cast(const { indices((R::LEFT / 8) as u8) });
+        if LEFT % 8 == 0 {
+            let indices = pulp::cast(const { indices((LEFT / 8) as u8) });
             return self
                 .avx2
                 ._mm256_shuffle_epi8(vector, self.avx2._mm256_broadcastsi128_si256(indices));
         }
-        let left = self.avx._mm256_set1_epi32(R::LEFT);
-        let right = self.avx._mm256_set1_epi32(32 - R::LEFT);
-        let high = self.avx2._mm256_sllv_epi32(vector, left);
-        self.avx2
-            ._mm256_or_si256(high, self.avx2._mm256_srlv_epi32(vector, right))
+        let high = self.avx2._mm256_slli_epi32::<LEFT>(vector);
+        let low = self.avx2._mm256_srli_epi32::<RIGHT>(vector);
+        self.avx2._mm256_or_si256(high, low)
     }
 
     #[inline(always)]
@@ -136,9 +134,8 @@ impl Unit for V4 {
     }
 
     #[inline(always)]
-    fn rotate<R: Rotation>(self, vector: __m512i) -> __m512i {
-        let left = self.avx512f._mm512_set1_epi32(R::LEFT);
-        self.avx512f._mm512_rolv_epi32(vector, left)
+    fn rotate<const LEFT: i32, const RIGHT: i32>(self, vector: __m512i) -> __m512i {
+        self.avx512f._mm512_rol_epi32::<LEFT>(vector)
     }
 
     #[inline(always)]
