@@ -9,7 +9,7 @@ use fading::Fading;
 pub use path_loss::PathLoss;
 pub use shadowing::Shadowing;
 
-use crate::lanes::{FEW, LANES, LaneStream, Row, Rows, Vectors, decibels, ln, unit_interval};
+use crate::lanes::{FEW, LANES, LaneStream, Row, Rows, Vectors, decibels, log2, unit_interval};
 use crate::mobility::Place;
 use crate::scenario::Scenario;
 use crate::stream::{Role, Stream, WorldKey};
@@ -134,6 +134,10 @@ impl<'s> Channel<'s> {
     }
 }
 
+/// 10 log10(1 / ln 2): by how much the power of Rayleigh fading is greater in octaves, minus the logarithm to base 2 of a number
+/// within 0 and 1, than it is with the mean 1.
+const OCTAVES_ABOVE_DB: f32 = 1.591_745_4;
+
 /// A vehicle's gains under Rayleigh fading around a mean, in the first `N` worlds of a block.
 ///
 /// Each logarithm is a chain of steps that wait for the one before, and a processor looks only some hundred ahead: two short loops
@@ -150,13 +154,13 @@ fn rayleigh<const N: usize>(
         let words = stream.next_row();
         let power = gain_db.row_mut(block, item);
         for lane in 0..N {
-            power[lane] = -ln(unit_interval(words[lane]));
+            power[lane] = -log2(unit_interval(words[lane]));
         }
     }
     for item in items {
         let gain_db = gain_db.row_mut(block, item);
         for lane in 0..N {
-            gain_db[lane] = mean_db[lane] + decibels(gain_db[lane]);
+            gain_db[lane] = mean_db[lane] + (decibels(gain_db[lane]) - OCTAVES_ABOVE_DB);
         }
     }
 }

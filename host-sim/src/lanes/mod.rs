@@ -15,7 +15,7 @@ mod units;
 mod vectors;
 
 pub use dense::{Dense, DenseRow};
-pub use logarithm::{decibels, ln};
+pub use logarithm::{DECIBELS_PER_OCTAVE, decibels, log2};
 pub use normal::normals;
 pub use power::ratio;
 pub use random::{LaneStream, unit_interval};

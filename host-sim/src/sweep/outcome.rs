@@ -7,7 +7,7 @@ use serde_json::{Number, Value};
 use std::collections::BTreeMap;
 
 /// Changes whenever the same input gives other results, so that old ones are not mixed with new ones.
-pub const VERSION: u32 = 8;
+pub const VERSION: u32 = 9;
 
 /// A point's result: by the name of its command's columns a number, or nothing where there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
