@@ -16,6 +16,10 @@ pub fn ratio(decibels: f32) -> f32 {
     let shifted = octaves + ROUNDER;
     let x = octaves - (shifted - ROUNDER);
     let mut polynomial = 1.326_473e-3;
+    #[allow(
+        clippy::approx_constant,
+        reason = "of the polynomial, which is not the series of that constant"
+    )]
     for coefficient in [9.671_513e-3, 5.550_733_6e-2, 2.402_224_2e-1, 6.931_47e-1, 1.0] {
         polynomial = polynomial * x + coefficient;
     }
