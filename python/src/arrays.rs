@@ -1,6 +1,5 @@
 //! What an environment shows to Python in a slot, `[world][vehicle]`, and how it is filled.
 
-use crate::reward::Reward;
 use crate::shared_array::SharedArray;
 use firmware::decision::{ACTIONS, Action, Decision, PowerPlan};
 use firmware::observation::{INPUTS, ONE, Observation};
@@ -9,6 +8,7 @@ use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::policy::actor::Encoder;
 use pyo3::prelude::*;
+use trainer::game::reward::Reward;
 
 /// The place of a vehicle that has none.
 const NO_PLACE: i16 = -1;

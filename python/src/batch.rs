@@ -2,7 +2,6 @@
 
 use crate::error::{check_range, exception, in_c_order, value_error};
 use crate::evaluation::Evaluation;
-use crate::reward::{self, Reward};
 use crate::scenario::{Scenario, Setting};
 use crate::table::Table;
 use crate::trace::Trace;
@@ -15,6 +14,7 @@ use kit::choice::Choice as _;
 use numpy::{Element, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use std::fmt::Display;
+use trainer::game::reward::{Reward, RewardName};
 
 /// Least power of a transmission in dBm (chosen: nobody hears it, and units can express it).
 const LEAST_POWER_DBM: f64 = -100.0;
@@ -50,8 +50,8 @@ impl Batch {
         reward: &str,
         threads: Option<u16>,
     ) -> PyResult<Self> {
-        let name = reward::Name::of_name("reward", reward).map_err(exception)?;
-        let reward = Reward::new(name, &scenario.inner).map_err(exception)?;
+        let name = RewardName::of_name("reward", reward).map_err(exception)?;
+        let reward = Reward::new(name, scenario.inner.cell.vehicles as usize);
         let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Training;
         Ok(Self {
@@ -75,7 +75,7 @@ impl Batch {
         threads: Option<u16>,
     ) -> PyResult<Self> {
         let extent = crate::evaluation::extent(worlds, slots, warmup, seed)?;
-        let reward = Reward::new(reward::Name::Own, &scenario.inner).map_err(exception)?;
+        let reward = Reward::new(RewardName::Own, scenario.inner.cell.vehicles as usize);
         let setting = Setting::new(scenario, trace)?;
         let purpose = Purpose::Evaluation;
         let mut worlds = Worlds::new(py, setting, purpose, seed, worlds, reward, threads)?;

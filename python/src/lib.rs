@@ -11,7 +11,6 @@ mod evaluation;
 mod export;
 mod fields;
 mod parts;
-mod reward;
 mod scenario;
 mod shared_array;
 mod speed;

@@ -3,7 +3,6 @@
 use crate::arrays::{Arrays, Part};
 use crate::error::{check_range, exception};
 use crate::parts::Parts;
-use crate::reward::Reward;
 use crate::scenario::Setting;
 use firmware::decision::{Action, PowerPlan};
 use firmware::form::{ObservationForm, OutputForm};
@@ -25,6 +24,7 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use std::sync::Arc;
 use trainer::forms::check_sub_channels;
+use trainer::game::reward::Reward;
 
 /// Worlds of a part: one row, the least that the simulator does at once. So a part is one block.
 const PART_WORLDS: usize = LANES;

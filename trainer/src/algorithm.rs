@@ -1,10 +1,22 @@
 //! What every learning algorithm says of itself: the section of its keys implements [`LearningAlgorithm`].
 
+use crate::game::reward::RewardName;
 use crate::laboratory::learner::Learner;
 use crate::mixture::Mixture;
 use firmware::form::{ObservationForm, OutputForm};
 use host_sim::scenario::Scenario;
 use kit::error::Result;
+
+/// What is to be learned.
+#[derive(Clone, Debug)]
+pub struct Task<'a> {
+    /// The cell to learn in.
+    pub scenario: &'a Scenario,
+    /// The cells to learn in, for who learns in mixtures: without one, the scenario alone.
+    pub cells: Mixture,
+    /// What vehicles are paid for, unless the algorithm's own keys say it.
+    pub reward: Option<RewardName>,
+}
 
 /// A learning algorithm, told what to do. One more is a file with such a section and its [`Learner`], and a line in
 /// [`crate::configuration`]; a preset chooses it.
@@ -46,9 +58,9 @@ pub trait LearningAlgorithm {
         Ok(())
     }
 
-    /// The learner before its first episode, in the scenario or these cells.
+    /// The learner before its first episode.
     ///
     /// # Errors
     /// What it reads besides, such as an actor to begin with.
-    fn learner(&self, scenario: &Scenario, cells: Mixture, seed: u64) -> Result<Box<dyn Learner>>;
+    fn learner(&self, task: Task<'_>, seed: u64) -> Result<Box<dyn Learner>>;
 }

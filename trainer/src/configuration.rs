@@ -4,9 +4,10 @@
 //! what differs from the simulator's preset that it starts from. With `base = "NAME"` it lies over another preset, and says what
 //! differs.
 
-use crate::algorithm::LearningAlgorithm;
+use crate::algorithm::{LearningAlgorithm, Task};
 use crate::evolution::Evolution;
 use crate::forms;
+use crate::game::reward::{self, RewardName};
 use crate::laboratory::learner::Learner;
 use crate::maddpg::options::Maddpg;
 use crate::mixture::{self, CellSource, MixedCell, Mixture};
@@ -69,6 +70,9 @@ macro_rules! algorithms {
                 /// alone.
                 #[key(longest = mixture::CELLS, source = "chosen")]
                 mixture: Option<Vec<CellSource>>,
+                /// What vehicles are paid for.
+                #[key(choices = reward::keyed(), source = "chosen")]
+                reward: String,
                 /// The cell to learn in.
                 scenario: Scenario,
             }
@@ -141,6 +145,9 @@ pub struct Configuration {
     /// Cells to learn in instead, if there are any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mixture: Vec<MixedCell>,
+    /// What vehicles are paid for, unless the algorithm's own keys say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reward: Option<RewardName>,
     /// How.
     pub algorithm: Algorithm,
 }
@@ -230,6 +237,7 @@ impl ConfigurationSource {
         let Layout {
             algorithm: asked,
             mixture,
+            reward,
             scenario,
             ..
         } = layout;
@@ -254,6 +262,7 @@ impl ConfigurationSource {
         let configuration = Configuration {
             scenario,
             mixture,
+            reward: reward::of_key("reward", &reward)?,
             algorithm,
         };
         configuration.check().map_err(|error| lowest.located(error))?;
@@ -306,8 +315,12 @@ impl Configuration {
     /// # Errors
     /// What the algorithm reads besides, such as an actor to begin with.
     pub fn learner(&self, seed: u64) -> Result<Box<dyn Learner>> {
-        let algorithm = self.algorithm.options();
-        algorithm.learner(&self.scenario, self.cells(), seed)
+        let task = Task {
+            scenario: &self.scenario,
+            cells: self.cells(),
+            reward: self.reward,
+        };
+        self.algorithm.options().learner(task, seed)
     }
 }
 

@@ -1,14 +1,14 @@
 //! Cross-entropy search (Rubinstein 1999): a normal distribution over the actor's parameters, drawn to its best samples.
 
-use crate::algorithm::LearningAlgorithm;
+use crate::algorithm::{LearningAlgorithm, Task};
 use crate::first_networks::{self, Expected};
 use crate::game::cell::{Cell, Unpaid};
+use crate::game::reward::{Paying, RewardName};
 use crate::game::{Game, Tally};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
-use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::network::perceptron::{Pass, Perceptron, Rows};
 use firmware::form::{ObservationForm, OutputForm};
@@ -64,8 +64,8 @@ impl LearningAlgorithm for Evolution {
         &mut self.episodes
     }
 
-    fn learner(&self, scenario: &Scenario, _alone: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
-        let learner = EvolutionLearner::new(scenario.clone(), self.clone(), seed)?;
+    fn learner(&self, task: Task<'_>, seed: u64) -> Result<Box<dyn Learner>> {
+        let learner = EvolutionLearner::new(task.scenario.clone(), self.clone(), task.reward, seed)?;
         Ok(Box::new(learner))
     }
 
@@ -130,6 +130,8 @@ impl Search {
 pub struct EvolutionLearner {
     scenario: Scenario,
     evolution: Evolution,
+    /// What actors are scored by; without one, by the mean age.
+    reward: Option<RewardName>,
     seed: u64,
     done: u64,
     search: Search,
@@ -140,7 +142,12 @@ impl EvolutionLearner {
     ///
     /// # Errors
     /// The first actor's file, and what is wrong with it.
-    pub fn new(scenario: Scenario, evolution: Evolution, seed: u64) -> Result<Self> {
+    pub fn new(
+        scenario: Scenario,
+        evolution: Evolution,
+        reward: Option<RewardName>,
+        seed: u64,
+    ) -> Result<Self> {
         let widths = widths(&evolution.hidden);
         let count = Perceptron::of_widths(&widths).parameters();
         let mean = if evolution.first_actor.as_os_str().is_empty() {
@@ -163,6 +170,7 @@ impl EvolutionLearner {
         Ok(Self {
             scenario,
             evolution,
+            reward,
             seed,
             done: 0,
             search,
@@ -227,11 +235,20 @@ impl Learner for EvolutionLearner {
             .par_iter()
             .map(|sample| {
                 let environment = random::worlds(&self.scenario, self.seed, first..first + worlds);
-                let mut cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, Unpaid);
+                let rules = Paying {
+                    rules: Unpaid,
+                    name: self.reward,
+                    scale: 1.0,
+                };
+                let mut cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, rules);
                 play(&mut cell, &Network::by_inputs(&widths, sample), slots)
             })
             .collect();
-        let scores: Vec<f64> = played.iter().map(|sum| -sum.age / sum.agent_slots).collect();
+        let ages: Vec<f64> = played.iter().map(|sum| sum.age / sum.agent_slots).collect();
+        let scores: Vec<f64> = match self.reward {
+            None => ages.iter().map(|age| -age).collect(),
+            Some(_) => played.iter().map(|sum| sum.reward / sum.agent_slots).collect(),
+        };
         let left = 1.0 - self.done as f32 / self.evolution.episodes as f32;
         let least = (self.evolution.first_deviation * left).max(least_deviation);
         self.search.learn(&samples, &scores, elite as usize, least);
@@ -243,13 +260,13 @@ impl Learner for EvolutionLearner {
         let deviations = &self.search.deviation;
         let deviation =
             deviations.iter().map(|&value| f64::from(value)).sum::<f64>() / deviations.len() as f64;
-        let reward = -age / vehicles + 0.05 * all.received / all.agent_slots;
+        let reward = match self.reward {
+            None => -age / vehicles + 0.05 * all.received / all.agent_slots,
+            Some(_) => all.reward / all.agent_slots,
+        };
         let slots = self.done as f64 * all.world_slots;
         all.metrics(reward, slots, self.done)
-            .with(
-                "best_age_ms",
-                -scores.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            )
+            .with("best_age_ms", ages.iter().copied().fold(f64::INFINITY, f64::min))
             .with("mean_deviation", deviation)
     }
 

@@ -115,9 +115,13 @@ impl RunIdentity {
         let Configuration {
             scenario,
             mixture,
+            reward,
             algorithm,
         } = &self.configuration;
         let mut told = BTreeMap::from([("seed".to_owned(), self.seed.into())]);
+        if let Some(reward) = reward {
+            let _new = told.insert("reward".to_owned(), serde_json::json!(reward));
+        }
         name_keys("scenario", &serde_json::json!(scenario), &mut told);
         if !mixture.is_empty() {
             name_keys("mixture", &serde_json::json!(mixture), &mut told);

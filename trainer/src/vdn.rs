@@ -6,11 +6,11 @@
 //! slope teaches every part. The network's values serve as an actor's scores: deployed, a vehicle takes the largest. Means over
 //! vehicles stand for the sums here, so that values are as large in every cell.
 
-use crate::algorithm::LearningAlgorithm;
+use crate::algorithm::{LearningAlgorithm, Task};
 use crate::first_networks::{self, Expected};
 use crate::game::actions::ActionSpace;
 use crate::game::cell::{Cell, Outcome, Rules, Sensed};
-use crate::game::reward::AgeReward;
+use crate::game::reward::{AgeReward, Paying, RewardName};
 use crate::game::{Game, Shape, Tally, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
@@ -18,7 +18,6 @@ use crate::laboratory::random;
 use crate::laboratory::state::State;
 use crate::maddpg::group::{Group, Role};
 use crate::maddpg::replay::{Batch, Extent, Replay, Return};
-use crate::mixture::Mixture;
 use crate::network::Network;
 use crate::network::categorical::largest;
 use crate::network::optimiser::{Learned, Powers, Step};
@@ -123,7 +122,8 @@ impl LearningAlgorithm for Vdn {
         Ok(())
     }
 
-    fn learner(&self, scenario: &Scenario, _alone: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
+    fn learner(&self, task: Task<'_>, seed: u64) -> Result<Box<dyn Learner>> {
+        let Task { scenario, reward, .. } = task;
         let shape = Shape {
             worlds: self.worlds as usize,
             agents: scenario.cell.vehicles as usize,
@@ -143,7 +143,11 @@ impl LearningAlgorithm for Vdn {
             learner.values.learned = vec![Learned::new(first.parameters)];
         }
         let scenario = scenario.clone();
-        Ok(Box::new(VdnInCell { scenario, learner }))
+        Ok(Box::new(VdnInCell {
+            scenario,
+            reward,
+            learner,
+        }))
     }
 }
 
@@ -181,6 +185,8 @@ pub struct VdnLearner {
 /// The algorithm at work in the cell.
 struct VdnInCell {
     scenario: Scenario,
+    /// What vehicles are paid for, unless the options say it.
+    reward: Option<RewardName>,
     learner: VdnLearner,
 }
 
@@ -369,13 +375,17 @@ impl Learner for VdnInCell {
         let scenario = self.scenario.clone();
         let mut environment = random::worlds(&scenario, *seed, first..first + worlds);
         start_ages::for_every_load(&mut environment, &mut random::episode(*seed, episode, START_AGES));
-        let reward = AgeReward {
-            scale: options.age_scale,
-            cap: options.age_cap,
-            success: options.success_reward,
+        let rules = Paying {
+            rules: OwnAge(AgeReward {
+                scale: options.age_scale,
+                cap: options.age_cap,
+                success: options.success_reward,
+            }),
+            name: self.reward,
+            scale: 1.0,
         };
         let (observation, output) = options.forms();
-        let mut cell = Cell::new(environment, 0, observation, output, OwnAge(reward));
+        let mut cell = Cell::new(environment, 0, observation, output, rules);
         self.learner.episode(&mut cell)
     }
 

@@ -176,6 +176,58 @@ fn mixtures_that_do_not_fit_are_refused_by_their_key() {
     );
 }
 
+/// Every learner is paid what the name says: minus the age over 100 slots is the age that metrics show.
+#[test]
+fn a_named_reward_is_paid_by_every_algorithm() {
+    let evolution = [
+        "evolution.population=4",
+        "evolution.elite=2",
+        "evolution.slots=40",
+    ];
+    let maddpg = [
+        "maddpg.worlds=2",
+        "maddpg.slots=40",
+        "maddpg.replay=80",
+        "maddpg.warm_up_slots=80",
+    ];
+    let ppo = [
+        "ppo.batches=2",
+        "ppo.updates=2",
+        "ppo.slots=8",
+        "ppo.max_vehicles=9",
+    ];
+    let vdn = [
+        "vdn.worlds=2",
+        "vdn.slots=40",
+        "vdn.replay=80",
+        "vdn.warm_up_slots=70",
+    ];
+    for (preset, settings, scale) in [
+        (Preset::Evolution, &evolution[..], 1.0),
+        (Preset::Freshlane, &maddpg, 1.0),
+        (Preset::Ppo, &ppo, 0.03),
+        (Preset::Vdn, &vdn, 1.0),
+    ] {
+        let named = |name: &str| preset.with(&[settings, &[name]].concat()).unwrap();
+        let metrics = named("reward=own").learner(2).unwrap().advance();
+        let (reward, age) = (
+            metrics.get("mean_reward").unwrap(),
+            metrics.get("mean_age_ms").unwrap(),
+        );
+        assert!(
+            (reward / scale + age / 100.0).abs() < 1e-6 * age,
+            "{preset:?}: {reward}, {age}"
+        );
+        assert_eq!(named("reward=paper").reward, Some(RewardName::Paper));
+        assert_eq!(named("reward=algorithm").reward, None);
+    }
+    let refused = Preset::Vdn.with(&["reward=papr"]).unwrap_err().to_string();
+    assert!(
+        refused.ends_with("found \"papr\", expected \"algorithm\", \"own\", \"team\", \"paper\""),
+        "{refused}"
+    );
+}
+
 #[test]
 fn every_key_of_a_preset_has_a_meaning_and_a_source() {
     let presets: Vec<Table> = Preset::ALL

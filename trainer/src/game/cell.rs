@@ -223,12 +223,20 @@ impl<R: Rules> Game for Cell<'_, R> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::game::reward::AgeReward;
     use host_sim::mobility::Grid;
     use host_sim::scenario::ScenarioSource;
     use host_sim::stream::Purpose;
+
+    /// What some vehicle sees.
+    pub fn observation() -> Observation {
+        let scenario = ScenarioSource::default().read().unwrap();
+        let environment = Environment::new(&scenario, &Grid, 1, Purpose::Training, 0..1);
+        let measurement = environment.measurement(0, 0).unwrap();
+        Observation::new(&measurement, environment.identity(0, 0))
+    }
 
     /// Minus the age.
     struct Ages;

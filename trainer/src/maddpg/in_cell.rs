@@ -2,19 +2,18 @@
 
 use super::learner::MaddpgLearner;
 use super::options::{Maddpg, StartAges};
-use crate::algorithm::LearningAlgorithm;
+use crate::algorithm::{LearningAlgorithm, Task};
 #[cfg(test)]
 use crate::configuration::{Algorithm, Configuration, Preset};
 use crate::forms;
 use crate::game::actions::ActionSpace;
 use crate::game::cell::{Cell, Outcome, Rules, Sensed};
-use crate::game::reward::AgeReward;
+use crate::game::reward::{AgeReward, Paying, RewardName};
 use crate::game::{Shape, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
-use crate::mixture::Mixture;
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::units::Age;
 use host_sim::environment::Environment;
@@ -38,8 +37,9 @@ impl LearningAlgorithm for Maddpg {
         Self::check(self, scenario)
     }
 
-    fn learner(&self, scenario: &Scenario, _alone: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
-        let mut learner = MaddpgInCell::new(scenario, self, seed);
+    fn learner(&self, task: Task<'_>, seed: u64) -> Result<Box<dyn Learner>> {
+        let mut learner = MaddpgInCell::new(task.scenario, self, seed);
+        learner.reward = task.reward;
         learner.learner.begin_from_others()?;
         Ok(Box::new(learner))
     }
@@ -49,6 +49,8 @@ impl LearningAlgorithm for Maddpg {
 pub struct MaddpgInCell {
     scenario: Scenario,
     options: Maddpg,
+    /// What vehicles are paid for, unless the options say it.
+    reward: Option<RewardName>,
     seed: u64,
     /// The algorithm itself.
     pub learner: MaddpgLearner,
@@ -110,6 +112,7 @@ impl MaddpgInCell {
         Self {
             scenario: scenario.clone(),
             options: options.clone(),
+            reward: None,
             seed,
             learner: MaddpgLearner::new(shape, options, seed),
             ages: vec![Age::TIME_CONSTRAINT.slots().into(); kept],
@@ -179,7 +182,11 @@ impl Learner for MaddpgInCell {
         let first = episode * options.worlds;
         let mut environment = random::worlds(&scenario, self.seed, first..first + options.worlds);
         self.begin(&mut environment);
-        let rules = OwnAge(options.reward(present));
+        let rules = Paying {
+            rules: OwnAge(options.reward(present)),
+            name: self.reward,
+            scale: 1.0,
+        };
         let room = self.scenario.cell.vehicles as usize;
         let (observation, output) = (options.observation, options.output_form());
         let mut cell = Cell::new(environment, room, observation, output, rules);

@@ -4,9 +4,10 @@ use super::Recipe;
 use super::rollout::{Experience, play};
 use super::rules::{CellPlace, Costs};
 use super::update::{ActorCritic, Losses, Part};
-use crate::algorithm::LearningAlgorithm;
+use crate::algorithm::{LearningAlgorithm, Task};
 use crate::first_networks::{self, Expected};
 use crate::game::cell::{Cell, Rules as _};
+use crate::game::reward::{Paying, RewardName};
 use crate::game::{Tally, start_ages};
 use crate::laboratory::actors::{ActorForm, Actors};
 use crate::laboratory::learner::{Learner, Metrics, name};
@@ -47,8 +48,10 @@ impl LearningAlgorithm for Recipe {
         Self::check_cells(self, cells)
     }
 
-    fn learner(&self, _scenario: &Scenario, cells: Mixture, seed: u64) -> Result<Box<dyn Learner>> {
-        Ok(Box::new(PpoLearner::new(cells, self.clone(), seed)?))
+    fn learner(&self, task: Task<'_>, seed: u64) -> Result<Box<dyn Learner>> {
+        let mut learner = PpoLearner::new(task.cells, self.clone(), seed)?;
+        learner.reward = task.reward;
+        Ok(Box::new(learner))
     }
 }
 
@@ -70,6 +73,8 @@ const OUTPUT: OutputForm = OutputForm::Actions;
 pub struct PpoLearner {
     mixture: Mixture,
     recipe: Recipe,
+    /// What vehicles are paid for, unless the recipe says it.
+    reward: Option<RewardName>,
     seed: u64,
     counters: Counters,
     networks: ActorCritic,
@@ -128,6 +133,7 @@ impl PpoLearner {
         Ok(Self {
             mixture,
             recipe,
+            reward: None,
             seed,
             counters: Counters::default(),
             networks: ActorCritic {
@@ -159,11 +165,15 @@ impl PpoLearner {
     }
 
     /// The game of a batch, with random start ages, and what goes on beside it.
-    fn game<'b>(&self, batch: &'b mut Batch) -> (Cell<'b, Costs>, &'b mut Stream, &'b mut Tally) {
+    fn game<'b>(&self, batch: &'b mut Batch) -> (Cell<'b, Paying<Costs>>, &'b mut Stream, &'b mut Tally) {
         let worlds = batch.first..batch.first + u64::from(self.recipe.worlds);
         let mut environment = random::worlds(&batch.scenario, self.seed, worlds);
         start_ages::for_every_load(&mut environment, &mut batch.stream);
-        let rules = self.recipe.costs(place(&self.mixture, batch.cell));
+        let rules = Paying {
+            rules: self.recipe.costs(place(&self.mixture, batch.cell)),
+            name: self.reward,
+            scale: 1.0 - self.recipe.discount,
+        };
         let cell = Cell::new(environment, 0, OBSERVATION, OUTPUT, rules);
         (cell, &mut batch.stream, &mut batch.tally)
     }
