@@ -1,6 +1,7 @@
 //! A whole slot of the deployed image, every interrupt included: `firmware/whole_slot.py` counts, in an emulator that comes as a package of
 //! Python.
 
+use crate::image::build;
 use kit::error::{Error, Result};
 use serde::Deserialize;
 use std::path::Path;
@@ -20,12 +21,14 @@ pub struct WholeSlot {
     pub cycles: u64,
 }
 
-/// Counts it; `None` where Python or its packages `unicorn` and `capstone` are not there.
+/// Counts it; `None` where Python or its packages `unicorn` and `capstone` are not there, or no clone of the repository.
 ///
 /// # Errors
 /// An image that answers otherwise than the library, or that is none of this program's sources.
 pub fn count(image: &Path) -> Result<Option<WholeSlot>> {
-    let workspace = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let Some(workspace) = build::clone() else {
+        return Ok(None);
+    };
     // `./test slot` makes an environment with the packages.
     let own = workspace.join("target/unicorn/bin/python");
     let python = if own.exists() {

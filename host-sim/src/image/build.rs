@@ -26,14 +26,11 @@ pub fn measuring(done: impl FnMut(&str)) -> Result<PathBuf> {
 }
 
 fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Result<PathBuf> {
-    let working = std::env::current_dir().unwrap_or_default();
-    // An installed program may have outlived the clone that it was built in, or have come from another machine.
-    let clone = clone_around(&working)
-        .or_else(|| clone_around(Path::new(env!("CARGO_MANIFEST_DIR"))))
-        .ok_or_else(|| {
-            let expected = "a run within a clone of the repository, whose firmware is built";
-            Error::input("working directory", working.display(), expected)
-        })?;
+    let clone = clone().ok_or_else(|| {
+        let working = std::env::current_dir().unwrap_or_default();
+        let expected = "a run within a clone of the repository, whose firmware is built";
+        Error::input("working directory", working.display(), expected)
+    })?;
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
         .args(["build", "-p", "firmware", "--bin", program])
         .args(["--profile", "firmware", "--target", TARGET])
@@ -76,6 +73,14 @@ fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Resul
         return Err(wrong_build(error.unwrap_or("a failure without an error")));
     }
     executable.ok_or_else(|| wrong_build("no executable"))
+}
+
+/// The clone of the repository that this runs in, or else the one that this was built in. An installed program may have outlived that,
+/// or have come from another machine.
+pub fn clone() -> Option<PathBuf> {
+    let working = std::env::current_dir().unwrap_or_default();
+    let found = clone_around(&working).or_else(|| clone_around(Path::new(env!("CARGO_MANIFEST_DIR"))));
+    found.map(Path::to_owned)
 }
 
 /// The clone of the repository that a folder is in.
