@@ -54,7 +54,7 @@ impl Colour {
 
     /// Nearer to a ground, by three fifths.
     pub(super) fn towards(self, ground: Self) -> Self {
-        let nearer = |own: u8, ground: u8| ((2 * u16::from(own) + 3 * u16::from(ground)) / 5) as u8;
+        let nearer = |own: u8, ground: u8| (2 * u16::from(own) + 3 * u16::from(ground)).div_ceil(5) as u8;
         Self(
             nearer(self.0, ground.0),
             nearer(self.1, ground.1),

@@ -1,6 +1,6 @@
 //! Figures in one style, as SVG text.
 //!
-//! White ground (and in [`dark`] each colour's like on a dark one), sans-serif type, at least 900 x 560 pixels; every label stands outside the data. Series differ by
+//! White ground (`dark` has each colour's like on a dark one), sans-serif type, at least 900 x 560 pixels; every label stands outside the data. Series differ by
 //! colour, by dash and by marker, so that a figure survives a grey printer and a colour-blind reader. The same chart
 //! gives the same bytes on every machine.
 
