@@ -86,11 +86,14 @@ impl<'a> Problem<'a> {
         }
         let delays: Vec<VolumeDelay> = delays.iter().map(|delay| delay.view(options.objective)).collect();
         let demand: f64 = classes.iter().map(|class| class.demand.total()).sum();
+        // With everybody on every road: more than any objective, any total time and any path costs all its drivers.
+        let mut total = 0.0;
         for (index, (delay, link)) in delays.iter().zip(network.links()).enumerate() {
             let most = demand + network.preload(index);
             // With nobody on the road, a root is infinitely steep.
             let steep = most > 0.0 && !delay.derivative(most).is_finite();
-            if steep || !delay.integral(most).is_finite() {
+            total += delay.cost(most) * most;
+            if steep || !f64::is_finite(total) || !delay.integral(most).is_finite() {
                 return Err(Error::input(
                     format!(
                         "link {} ({} to {})",

@@ -746,6 +746,13 @@ fn problems_that_make_no_sense_are_refused() {
             .to_string()
             .starts_with("link 1 (1 to 3): found a cost that overflows at 1")
     );
+    // Each road's total time is a number, and their sum is none.
+    let failure = assign(&network, &one_trip(2, 1, 2, 3e153), &Options::default()).unwrap_err();
+    let failure = failure.to_string();
+    assert!(
+        failure.starts_with("link 5 (4 to 2): found a cost that overflows at 3"),
+        "{failure}"
+    );
     let failure = network.with_capacities(&[1.0, 1.0, 0.0, 1.0, 1.0]).unwrap_err();
     assert_eq!(
         failure.to_string(),
