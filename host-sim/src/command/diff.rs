@@ -120,18 +120,21 @@ fn table(comparison: &Comparison, all: bool) -> Result<Table> {
     Ok(table)
 }
 
-/// A number with as many decimals as give the larger of a pair [`DIGITS`] digits.
+/// A number with as many decimals as give the larger of a pair [`DIGITS`] digits; counts have none.
 fn digits(value: f64, Measure { values: [a, b], .. }: &Measure) -> String {
     let size = a.abs().max(b.abs());
-    if value == 0.0 {
-        return "0".to_owned();
+    if value == 0.0 || (a.fract() == 0.0 && b.fract() == 0.0) {
+        return format!("{value}");
     }
     let before = libm::floor(libm::log10(size)) as i32 + 1;
     if !(-3..=9).contains(&before) {
         return format!("{value:.3e}");
     }
-    let decimals = (DIGITS - before).max(0) as usize;
-    format!("{value:.decimals$}")
+    let decimals = (DIGITS - before).max(0);
+    if value.abs() < 0.5 * libm::pow(0.1, f64::from(decimals)) {
+        return format!("{value:.1e}");
+    }
+    format!("{value:.*}", decimals as usize)
 }
 
 #[cfg(test)]
@@ -154,5 +157,7 @@ mod tests {
         assert_eq!(shown(3.920_81, 3.925_63), ["3.9208", "3.9256", "0.0048"]);
         assert_eq!(shown(7_480_225.3, 7_480_000.0), ["7480225", "7480000", "-225"]);
         assert_eq!(shown(1e-11, 0.0), ["1.000e-11", "0", "-1.000e-11"]);
+        assert_eq!(shown(4.3249e-4, 7e-10), ["0.00043249", "7.0e-10", "-0.00043249"]);
+        assert_eq!(shown(4.0, 8.0), ["4", "8", "4"]);
     }
 }
