@@ -27,6 +27,14 @@ impl Activity {
         }
     }
 
+    /// Before the first slot of other worlds.
+    pub(crate) fn reset(&mut self) {
+        self.vehicles.fill_all(0);
+        self.transmissions.fill_all(0);
+        self.energy_mj.fill_all(0.0);
+        self.peak_ages.fill_all(0);
+    }
+
     /// How many vehicles were present.
     pub fn vehicles(&self) -> &Rows<u16> {
         &self.vehicles

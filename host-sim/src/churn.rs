@@ -44,9 +44,17 @@ impl Churn {
                 waiting_since: vec![None; vehicles],
                 heard: Vec::new(),
             };
-            churn.left = churn.gap();
+            churn.reset(key);
             churn
         })
+    }
+
+    /// Goes on with another world before its first slot.
+    pub fn reset(&mut self, key: &WorldKey) {
+        self.stream = key.stream(Role::Replacement, 0);
+        self.left = self.gap();
+        self.waiting_since.fill(None);
+        self.heard.clear();
     }
 
     fn gap(&mut self) -> f64 {

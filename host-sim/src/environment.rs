@@ -152,14 +152,48 @@ impl<'s> Environment<'s> {
         environment
     }
 
-    /// Goes on with other worlds of the same seed and purpose, before their first slot, whose units sense the truth.
-    pub fn reset(&mut self, worlds: Range<u64>) {
-        let Some(&WorldKey { seed, purpose, .. }) = self.keys.first() else {
+    /// Goes on with other worlds before their first slot, as [`Environment::with_room`] makes them. As many as there were take the
+    /// memory of these.
+    pub fn reset(&mut self, seed: u64, purpose: Purpose, worlds: Range<u64>) {
+        if worlds.end.saturating_sub(worlds.start) != self.keys.len() as u64 {
+            let vectors = self.vectors;
+            *self = Self::with_room(self.scenario, self.source, seed, purpose, worlds, self.vehicles);
+            self.vectors = vectors;
             return;
-        };
-        let vectors = self.vectors;
-        *self = Self::with_room(self.scenario, self.source, seed, purpose, worlds, self.vehicles);
-        self.vectors = vectors;
+        }
+        for (key, world) in self.keys.iter_mut().zip(worlds) {
+            *key = WorldKey { seed, purpose, world };
+        }
+        let (scenario, source, keys) = (self.scenario, self.source, &self.keys);
+        for (mobility, key) in self.mobility.iter_mut().zip(keys) {
+            if !mobility.reset(key) {
+                *mobility = source.open(scenario, key);
+            }
+        }
+        self.failure = None;
+        self.places.iter_mut().for_each(Vec::clear);
+        self.presence.reset();
+        for (churn, key) in self.churn.iter_mut().zip(keys) {
+            churn.reset(key);
+        }
+        self.replacements.clear();
+        self.channel.reset(keys);
+        self.radio.reset(keys);
+        self.base_station.reset(keys);
+        if !self.sensing.reset(keys) {
+            self.sensing = sensing(scenario, self.vehicles, keys);
+        }
+        if let Some(losses) = &mut self.grant_losses {
+            losses.reset(keys);
+        }
+        self.activity.reset();
+        self.ages.fill_all(Age::TIME_CONSTRAINT.slots());
+        if let Some(sent) = &mut self.sent {
+            sent.fill_all(0);
+        }
+        self.listened_to = true;
+        self.slot = FIRST_SLOT;
+        self.begin_slot();
     }
 
     /// Worlds in the same state, which go on by themselves: equal decisions give equal bytes.

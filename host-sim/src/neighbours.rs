@@ -12,6 +12,8 @@ pub struct Neighbours {
     /// Probabilities that a burst begins, and ends, in a slot.
     begins: f32,
     ends: f32,
+    /// Share of slots with a burst.
+    duty: f32,
     sub_channels: usize,
     /// By block of worlds.
     streams: Vec<LaneStream>,
@@ -32,24 +34,33 @@ impl Neighbours {
         } else {
             (1.0, 0.0)
         };
-        let streams = keys.chunks(LANES);
         let mut neighbours = Self {
             power: (libm::exp10(scenario.noise_rise_db / 10.0) - 1.0) as f32,
-            begins: scenario.duty as f32,
-            ends: 1.0 - scenario.duty as f32,
+            begins: begins as f32,
+            ends: ends as f32,
+            duty: scenario.duty as f32,
             sub_channels,
-            streams: streams
-                .map(|keys| LaneStream::new(keys.iter().copied(), Role::Neighbours, 0))
-                .collect(),
+            streams: LaneStream::rows(keys, Role::Neighbours, 0),
             interference: Rows::new(keys.len(), sub_channels, 0.0),
         };
-        neighbours.begin_slot();
-        (neighbours.begins, neighbours.ends) = (begins as f32, ends as f32);
+        neighbours.change(neighbours.duty, 1.0 - neighbours.duty);
         Some(neighbours)
+    }
+
+    /// [`Neighbours::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self, keys: &[WorldKey]) {
+        LaneStream::reset_rows(&mut self.streams, keys);
+        self.interference.fill_all(0.0);
+        self.change(self.duty, 1.0 - self.duty);
     }
 
     /// Lets bursts begin and end.
     pub fn begin_slot(&mut self) {
+        self.change(self.begins, self.ends);
+    }
+
+    /// Lets bursts begin and end with these probabilities.
+    fn change(&mut self, begins: f32, ends: f32) {
         for (block, stream) in self.streams.iter_mut().enumerate() {
             for sub_channel in 0..self.sub_channels {
                 let words = *stream.next_row();
@@ -57,9 +68,9 @@ impl Neighbours {
                 for lane in 0..LANES {
                     let drawn = unit_interval(words[lane]);
                     let on = if row[lane] > 0.0 {
-                        drawn >= self.ends
+                        drawn >= ends
                     } else {
-                        drawn < self.begins
+                        drawn < begins
                     };
                     row[lane] = if on { self.power } else { 0.0 };
                 }

@@ -26,6 +26,14 @@ impl Presence {
         }
     }
 
+    /// Nobody any more.
+    pub(crate) fn reset(&mut self) {
+        match &mut self.here {
+            Some(here) => here.fill_all(0),
+            None => self.vehicles.clear(),
+        }
+    }
+
     /// The vehicles, ascending. Where worlds differ, not every one of them is [here](Presence::rows) in every world.
     #[inline(always)]
     pub fn vehicles(&self) -> &[usize] {

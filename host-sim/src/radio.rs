@@ -62,6 +62,19 @@ impl Radio {
         }
     }
 
+    /// [`Radio::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self, keys: &[WorldKey]) {
+        self.received.fill_all(0);
+        self.successes.fill_all(0);
+        self.interference_db.fill_all(0.0);
+        if let Some(neighbours) = &mut self.neighbours {
+            neighbours.reset(keys);
+        }
+        if let Some(block_errors) = &mut self.block_errors {
+            LaneStream::reset_rows(&mut block_errors.streams, keys);
+        }
+    }
+
     /// Whether each vehicle was received in the slot before: 1 or 0, `[vehicle][world]`.
     pub fn received(&self) -> &Rows<u8> {
         &self.received
@@ -233,13 +246,10 @@ impl Radio {
 impl BlockErrors {
     fn new(scenario: &Scenario, keys: &[WorldKey]) -> Option<Self> {
         let width_db = scenario.reception.block_error_width_db as f32;
-        let streams = keys.chunks(LANES);
         (width_db > 0.0).then(|| Self {
             required_db: decibels(scenario.radio.required_sinr() as f32),
             width_db,
-            streams: streams
-                .map(|keys| LaneStream::new(keys.iter().copied(), Role::Reception, 0))
-                .collect(),
+            streams: LaneStream::rows(keys, Role::Reception, 0),
         })
     }
 

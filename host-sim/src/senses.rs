@@ -31,6 +31,7 @@ use crate::base_station::{Announcements, NO_PLACE};
 use crate::imperfections::HeardBroadcasts;
 use crate::lanes::{LANES, Row, Rows, Vectors, floor};
 use crate::presence::Presence;
+use crate::stream::WorldKey;
 use firmware::measurement;
 use firmware::measurement::{Broadcast, Measurement, Place};
 use firmware::ring::{Open, Ring};
@@ -70,6 +71,12 @@ pub trait Sensing: Send + Sync {
 
     /// What the units read in this slot.
     fn readings<'t>(&'t self, truth: Readings<'t>) -> Readings<'t>;
+
+    /// Goes on with as many other worlds before their first slot, in the same memory. `false` if it cannot: then nothing but what the
+    /// scenario says comes between.
+    fn reset(&mut self, _keys: &[WorldKey]) -> bool {
+        false
+    }
 
     /// The same, which goes on by itself: for [`Environment::copy`](crate::Environment::copy).
     fn copy(&self) -> Box<dyn Sensing>;

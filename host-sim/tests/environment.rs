@@ -296,6 +296,57 @@ fn no_slot_allocates() {
     }
 }
 
+/// Worlds of the grid and of a trace, with everything that has a state of its own, begin anew in the memory of others as if it were new.
+#[test]
+fn a_reset_makes_new_worlds_in_the_memory_of_the_old() {
+    let trace =
+        Trace::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/fcd-gap.xml")).unwrap();
+    let hard = edge(&[
+        "broadcast.call_delay_slots=2",
+        "cell.replacement_probability=1e-2",
+        "fading.follows_speed=true",
+        "feedback.acknowledgement_delay_slots=2",
+        "feedback.acknowledgement_loss=0.1",
+        "feedback.broadcast_loss=0.1",
+        "feedback.measurement_loss=0.1",
+        "feedback.place_loss=0.3",
+        "knowledge.gain_delay_slots=2",
+        "knowledge.gain_error_db=2",
+        "mobility.signal_cycle_s=30",
+        "neighbours.noise_rise_db=10",
+        "reception.block_error_width_db=1",
+    ]);
+    let near = ["cell.base_station_x_m=0", "cell.base_station_y_m=0"];
+    // With how many allocations at most.
+    for (settings, source, most) in [
+        (&[][..], &SOURCE as &dyn MobilitySource, 0),
+        (&["fading.sub_channel_correlation=0.5"], &SOURCE, 0),
+        (&near, &trace, 0),
+        (&hard, &SOURCE, 3),
+    ] {
+        let (scenario, table) = (scenario(settings), table());
+        let go_on = |environment: &mut Environment<'_>| {
+            let mut decider = (clock::KIND.build)(&environment.setup(), &table);
+            let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
+            for _ in 0..350 {
+                run_slot(environment, &mut decider, &mut decisions);
+            }
+        };
+        let mut environment = Environment::new(&scenario, source, 7, Purpose::Training, 0..40);
+        go_on(&mut environment);
+        let before = ALLOCATIONS.get();
+        environment.reset(8, Purpose::Evaluation, 3..43);
+        let allocations = ALLOCATIONS.get() - before;
+        assert!(allocations <= most, "{settings:?}: {allocations}");
+        let mut new = Environment::new(&scenario, source, 8, Purpose::Evaluation, 3..43);
+        for _ in 0..2 {
+            assert_eq!(seen(&environment, 0..40), seen(&new, 0..40), "{settings:?}");
+            go_on(&mut environment);
+            go_on(&mut new);
+        }
+    }
+}
+
 /// Worlds of the grid and of a trace, with everything that has a state of its own, go on alike from a copy, and apart where decisions differ.
 #[test]
 fn a_copy_goes_on_from_the_same_state() {

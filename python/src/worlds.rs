@@ -236,10 +236,10 @@ impl Worlds {
         let worlds = self.worlds;
         self.next_world += worlds as u64;
         self.elapsed = 0;
-        self.run(|Setting { scenario, source }, task| {
+        self.run(|_, task| {
             let last = (task.first + PART_WORLDS).min(worlds) as u64;
             let range = next + task.first as u64..next + last;
-            *task.environment = Environment::new(scenario, source.as_ref(), seed, purpose, range);
+            task.environment.reset(seed, purpose, range);
         });
     }
 

@@ -25,6 +25,8 @@ pub struct Book {
     shrink_delay_slots: u32,
     /// Whether what counts has changed since the rings were made.
     changed: bool,
+    /// Places of rings of which nobody needs any.
+    least: u16,
     /// Whether a ring has another number of places than in the slot before, by world.
     resized: Vec<bool>,
     /// Owners in the order of their places, while they are spread.
@@ -46,9 +48,22 @@ impl Book {
             spare: vec![Rows::new(worlds, 1, least); 2],
             shrink_delay_slots,
             changed: true,
+            least,
             resized: vec![false; worlds],
             order: Vec::with_capacity(vehicles),
         }
+    }
+
+    /// [`Book::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self) {
+        self.booked.fill_all(NO_PLACE);
+        self.owners.iter_mut().for_each(Vec::clear);
+        self.counts.fill(0);
+        self.places.fill_all(self.least);
+        self.needed.fill_all(self.least);
+        self.spare.extend(self.past.drain(..).map(|(_, needed)| needed));
+        self.changed = true;
+        self.resized.fill(false);
     }
 
     /// How many places each ring has. One item.

@@ -85,6 +85,13 @@ impl Caller {
         }
     }
 
+    /// [`Caller::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self) {
+        self.received
+            .iter_mut()
+            .for_each(|received| received.fill_all(0.0));
+    }
+
     /// Nobody is called for the slot with this index.
     pub fn call_nobody(&mut self, world: usize, index: usize) {
         for vehicle in 0..self.vehicles {

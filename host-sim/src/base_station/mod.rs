@@ -66,6 +66,7 @@ pub struct Announcements {
     max_power: Dbm,
     /// Whether gains still hold when they are used.
     gains_hold: bool,
+    vehicles: usize,
     /// The number under which each vehicle is known. `[vehicle][world]`.
     identities: Rows<u32>,
     /// 1 where a vehicle is associated. `[vehicle][world]`.
@@ -144,7 +145,7 @@ impl BaseStation {
             threshold: Rows::new(worlds, 1, u32::MAX),
             salt: Rows::new(worlds, 1, 0),
         };
-        Self {
+        let mut station = Self {
             sharing: if gains_hold(scenario) {
                 WITH_GAINS
             } else {
@@ -160,7 +161,8 @@ impl BaseStation {
                 sub_channels,
                 max_power: scenario.radio.max_power(),
                 gains_hold: gains_hold(scenario),
-                identities: identities(keys, vehicles),
+                vehicles,
+                identities: Rows::new(worlds, vehicles, 0),
                 associated: Rows::new(worlds, vehicles, 0),
                 reached: Rows::new(worlds, vehicles, 0),
                 ring: book(),
@@ -176,7 +178,24 @@ impl BaseStation {
             place_loss: scenario.feedback.place_loss,
             losses: keys.iter().map(|key| key.stream(Role::Losses, 3)).collect(),
             caller: Caller::new(worlds, vehicles, broadcast.call_delay_slots as usize),
+        };
+        station.announcements.reset(keys);
+        station
+    }
+
+    /// [`BaseStation::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self, keys: &[WorldKey]) {
+        self.associated_at.fill_all(0);
+        self.chances.fill_all(1.0);
+        self.keeps_open.fill(false);
+        self.changed.fill(false);
+        self.contended.fill(true);
+        self.announcements.reset(keys);
+        self.slot = 0;
+        for (losses, key) in self.losses.iter_mut().zip(keys) {
+            *losses = key.stream(Role::Losses, 3);
         }
+        self.caller.reset();
     }
 
     /// What vehicles are told.
@@ -555,17 +574,29 @@ fn gains_hold(scenario: &Scenario) -> bool {
     delay_slots == 0 || correlated
 }
 
-/// The numbers under which vehicles are known. `[vehicle][world]`.
-fn identities(keys: &[WorldKey], vehicles: usize) -> Rows<u32> {
-    let mut identities = Rows::new(keys.len(), vehicles, 0);
-    for (world, key) in keys.iter().enumerate() {
-        let mut stream = key.stream(Role::Identities, 0);
-        (0..vehicles).for_each(|vehicle| identities.set(world, vehicle, stream.next_u32()));
-    }
-    identities
-}
-
 impl Announcements {
+    /// Other worlds before their first slot: numbers of their own for all vehicles, of which none is associated.
+    fn reset(&mut self, keys: &[WorldKey]) {
+        for (world, key) in keys.iter().enumerate() {
+            let mut stream = key.stream(Role::Identities, 0);
+            (0..self.vehicles).for_each(|vehicle| self.identities.set(world, vehicle, stream.next_u32()));
+        }
+        self.associated.fill_all(0);
+        self.reached.fill_all(0);
+        self.ring.reset();
+        self.frame.reset();
+        self.told.fill_all(0);
+        self.found.fill_all(NO_PLACE);
+        self.weights.fill_all(Weight::ONE.0);
+        self.first.fill_all(0);
+        for decided in &mut self.decided {
+            decided.open.fill_all(0);
+            decided.threshold.fill_all(u32::MAX);
+            decided.salt.fill_all(0);
+        }
+        self.heard = 0;
+    }
+
     /// The next slot hands out the next places.
     fn turn(&mut self) {
         let sub_channels = self.sub_channels as u16;

@@ -40,6 +40,7 @@ struct Waves {
     hz_by_m_per_s: f64,
     /// Of a vehicle that stands.
     residual_hz: f64,
+    vehicles: usize,
     sub_channels: usize,
     /// By world.
     streams: Vec<Stream>,
@@ -61,12 +62,7 @@ impl Fading {
         let source = if fading.follows_speed {
             Source::Waves(Box::new(Waves::new(scenario, vehicles, keys)))
         } else if fading.sub_channel_correlation > 0.0 {
-            let blocks = keys.chunks(LANES);
-            Source::Fresh(
-                blocks
-                    .map(|keys| LaneStream::new(keys.iter().copied(), Role::Scattering, 0))
-                    .collect(),
-            )
+            Source::Fresh(LaneStream::rows(keys, Role::Scattering, 0))
         } else {
             return None;
         };
@@ -74,6 +70,14 @@ impl Fading {
             correlation: fading.sub_channel_correlation as f32,
             source,
         })
+    }
+
+    /// [`Fading::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self, keys: &[WorldKey]) {
+        match &mut self.source {
+            Source::Fresh(streams) => LaneStream::reset_rows(streams, keys),
+            Source::Waves(waves) => waves.begin(keys),
+        }
     }
 
     /// A vehicle of one world moves on at this speed.
@@ -171,8 +175,9 @@ impl Waves {
         let mut waves = Self {
             hz_by_m_per_s: scenario.radio.carrier_ghz * 1e9 / SPEED_OF_LIGHT_M_PER_S,
             residual_hz: scenario.fading.residual_doppler_hz,
+            vehicles,
             sub_channels,
-            streams: keys.iter().map(|key| key.stream(Role::Scattering, 0)).collect(),
+            streams: Vec::with_capacity(keys.len()),
             doppler_hz: Rows::new(keys.len(), vehicles, f32::NAN),
             direction: rows.clone(),
             real: rows.clone(),
@@ -180,12 +185,20 @@ impl Waves {
             turn_real: rows.clone(),
             turn_imaginary: rows,
         };
+        waves.begin(keys);
+        waves
+    }
+
+    /// Draws all vehicles' waves.
+    fn begin(&mut self, keys: &[WorldKey]) {
+        self.streams.clear();
+        self.streams
+            .extend(keys.iter().map(|key| key.stream(Role::Scattering, 0)));
         for world in 0..keys.len() {
-            for vehicle in 0..vehicles {
-                waves.draw(world, vehicle);
+            for vehicle in 0..self.vehicles {
+                self.draw(world, vehicle);
             }
         }
-        waves
     }
 
     /// The waves of a vehicle on a sub-channel.

@@ -54,11 +54,22 @@ impl<'s> Channel<'s> {
             large_scale_db: Rows::new(keys.len(), vehicles, 0.0),
             gain_db: Rows::new(keys.len(), vehicles * sub_channels, 0.0),
             shadowing_streams: keys.iter().map(|key| key.stream(Role::Shadowing, 0)).collect(),
-            fading_streams: keys
-                .chunks(LANES)
-                .map(|keys| LaneStream::new(keys.iter().copied(), Role::FastFading, 0))
-                .collect(),
+            fading_streams: LaneStream::rows(keys, Role::FastFading, 0),
             fading: Fading::new(scenario, vehicles, keys),
+        }
+    }
+
+    /// [`Channel::new`] for as many other worlds, in the same memory.
+    pub fn reset(&mut self, keys: &[WorldKey]) {
+        self.shadowing.fill(None);
+        self.large_scale_db.fill_all(0.0);
+        self.gain_db.fill_all(0.0);
+        for (stream, key) in self.shadowing_streams.iter_mut().zip(keys) {
+            *stream = key.stream(Role::Shadowing, 0);
+        }
+        LaneStream::reset_rows(&mut self.fading_streams, keys);
+        if let Some(fading) = &mut self.fading {
+            fading.reset(keys);
         }
     }
 

@@ -29,20 +29,36 @@ impl Acknowledgements {
         let delay = feedback.acknowledgement_delay_slots as usize;
         let losses = Losses::new(feedback.acknowledgement_loss, 0, keys);
         let worlds = keys.len();
-        let nothing = (
-            Rows::new(worlds, vehicles, 0),
-            Rows::new(worlds, vehicles, NO_PLACE),
-        );
+        let nothing = || {
+            (
+                Rows::new(worlds, vehicles, 0),
+                Rows::new(worlds, vehicles, NO_PLACE),
+            )
+        };
         (delay > 0 || losses.is_some()).then(|| Self {
             delay,
             losses,
-            under_way: vec![nothing; delay + 1],
+            under_way: vec![nothing(); delay + 1],
             now: delay,
             ages: Rows::new(worlds, vehicles, Age::TIME_CONSTRAINT.slots()),
             found: Rows::new(worlds, vehicles, NO_PLACE),
             awaited: Rows::new(worlds, vehicles, 0),
             vehicles,
         })
+    }
+
+    pub(super) fn reset(&mut self, keys: &[WorldKey]) {
+        if let Some(losses) = &mut self.losses {
+            losses.reset(keys);
+        }
+        for (sent, places) in &mut self.under_way {
+            sent.fill_all(0);
+            places.fill_all(NO_PLACE);
+        }
+        self.now = self.delay;
+        self.ages.fill_all(Age::TIME_CONSTRAINT.slots());
+        self.found.fill_all(NO_PLACE);
+        self.awaited.fill_all(0);
     }
 
     /// What is under way is for the unit that had this index before.

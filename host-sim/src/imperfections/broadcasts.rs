@@ -32,16 +32,23 @@ impl std::fmt::Debug for Heard {
 
 impl Heard {
     pub(super) fn new(feedback: &FeedbackScenario, vehicles: usize, keys: &[WorldKey]) -> Option<Self> {
-        let nothing = Rows::new(keys.len(), vehicles, 0);
         Losses::new(feedback.broadcast_loss, 1, keys).map(|losses| Self {
             losses,
             vehicles,
             places: Rows::new(keys.len(), vehicles, 0),
             open: Rows::new(keys.len(), vehicles, 0),
             threshold: Rows::new(keys.len(), vehicles, u32::MAX),
-            salt: nothing.clone(),
-            any: nothing,
+            salt: Rows::new(keys.len(), vehicles, 0),
+            any: Rows::new(keys.len(), vehicles, 0),
         })
+    }
+
+    pub(super) fn reset(&mut self, keys: &[WorldKey]) {
+        self.losses.reset(keys);
+        self.places.fill_all(0);
+        self.threshold.fill_all(u32::MAX);
+        self.salt.fill_all(0);
+        self.any.fill_all(0);
     }
 
     pub(super) fn begin_unit(&mut self, world: usize, vehicle: usize) {

@@ -8,8 +8,10 @@ use crate::stream::{Role, WorldKey};
 #[derive(Clone)]
 pub(super) struct KnownGains {
     sub_channels: usize,
-    /// True gains of the last slots, `[slot modulo the ring's length]`; filled by the first slot.
+    /// True gains of the last slots, `[slot modulo the ring's length]`.
     past: Vec<Rows<f32>>,
+    /// Whether the first slot has filled them.
+    filled: bool,
     /// Where the present slot's go.
     now: usize,
     deviation_db: f32,
@@ -24,18 +26,23 @@ pub(super) struct KnownGains {
 impl KnownGains {
     pub(super) fn new(scenario: &Scenario, keys: &[WorldKey]) -> Option<Self> {
         let knowledge = &scenario.knowledge;
-        let streams = keys.chunks(LANES);
         (knowledge.gain_delay_slots > 0 || knowledge.gain_error_db > 0.0).then(|| Self {
             sub_channels: scenario.radio.sub_channels as usize,
             past: Vec::with_capacity(knowledge.gain_delay_slots as usize + 1),
+            filled: false,
             now: knowledge.gain_delay_slots as usize,
             deviation_db: knowledge.gain_error_db as f32,
-            streams: streams
-                .map(|keys| LaneStream::new(keys.iter().copied(), Role::GainErrors, 0))
-                .collect(),
+            streams: LaneStream::rows(keys, Role::GainErrors, 0),
             known: None,
             beginners: Vec::new(),
         })
+    }
+
+    pub(super) fn reset(&mut self, keys: &[WorldKey]) {
+        LaneStream::reset_rows(&mut self.streams, keys);
+        self.now = self.past.capacity() - 1;
+        self.filled = false;
+        self.beginners.clear();
     }
 
     pub(super) fn begin_unit(&mut self, world: usize, vehicle: usize) {
@@ -45,8 +52,11 @@ impl KnownGains {
     pub(super) fn begin_slot(&mut self, gains_db: &Rows<f32>) {
         let ring = self.past.capacity();
         self.now = (self.now + 1) % ring;
-        if self.past.is_empty() {
+        if !std::mem::replace(&mut self.filled, true) {
             // Before the first slot gains were as in it.
+            for past in &mut self.past {
+                past.clone_from(gains_db);
+            }
             self.past.resize_with(ring, || gains_db.clone());
         }
         self.past[self.now]

@@ -22,6 +22,10 @@ impl Measured {
         })
     }
 
+    pub(super) fn reset(&mut self, keys: &[WorldKey]) {
+        self.losses.reset(keys);
+    }
+
     pub(super) fn begin_slot(&mut self) {
         for block in 0..self.rows.blocks() {
             for vehicle in 0..self.vehicles {

@@ -49,6 +49,22 @@ pub fn sensing(scenario: &Scenario, vehicles: usize, keys: &[WorldKey]) -> Box<d
 }
 
 impl Sensing for Imperfections {
+    fn reset(&mut self, keys: &[WorldKey]) -> bool {
+        if let Some(gains) = &mut self.gains {
+            gains.reset(keys);
+        }
+        if let Some(acknowledgements) = &mut self.acknowledgements {
+            acknowledgements.reset(keys);
+        }
+        if let Some(broadcasts) = &mut self.broadcasts {
+            broadcasts.reset(keys);
+        }
+        if let Some(measurements) = &mut self.measurements {
+            measurements.reset(keys);
+        }
+        true
+    }
+
     fn begin_unit(&mut self, world: usize, vehicle: usize, age: Age) {
         if let Some(gains) = &mut self.gains {
             gains.begin_unit(world, vehicle);
@@ -105,13 +121,15 @@ pub(crate) struct Losses {
 impl Losses {
     /// Losses of one member of [`Role::Losses`] with this probability; `None` if nothing is lost.
     pub(crate) fn new(probability: f64, member: u32, keys: &[WorldKey]) -> Option<Self> {
-        let streams = keys.chunks(LANES);
         (probability > 0.0).then(|| Self {
             probability: probability as f32,
-            streams: streams
-                .map(|keys| LaneStream::new(keys.iter().copied(), Role::Losses, member))
-                .collect(),
+            streams: LaneStream::rows(keys, Role::Losses, member),
         })
+    }
+
+    /// [`Losses::new`] for as many other worlds, in the same memory.
+    pub(crate) fn reset(&mut self, keys: &[WorldKey]) {
+        LaneStream::reset_rows(&mut self.streams, keys);
     }
 
     /// Silences those whose grants are lost.

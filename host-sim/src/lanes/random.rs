@@ -22,6 +22,8 @@ const BLOCK: usize = 16;
 pub struct LaneStream {
     /// What makes the blocks.
     vectors: Vectors,
+    role: Role,
+    member: u32,
     /// Lanes with a world.
     lanes: usize,
     /// `[word][lane]`.
@@ -37,21 +39,43 @@ pub struct LaneStream {
 impl LaneStream {
     /// The streams of up to [`LANES`] worlds for one role. Lanes without a world have a stream that means nothing.
     pub fn new(keys: impl Iterator<Item = WorldKey>, role: Role, member: u32) -> Self {
-        let (mut key, mut lanes) = ([[0; LANES]; 8], 0);
-        for (lane, world) in keys.take(LANES).enumerate() {
-            lanes = lane + 1;
-            let bytes = world.bytes(role, member);
-            for (row, word) in key.iter_mut().zip(bytes.as_chunks::<4>().0) {
-                row[lane] = i32::from_le_bytes(*word);
-            }
-        }
-        Self {
+        let mut streams = Self {
             vectors: Vectors::widest(),
-            lanes,
-            key,
+            role,
+            member,
+            lanes: 0,
+            key: [[0; LANES]; 8],
             counter: 0,
             words: [[0; LANES]; BLOCK],
             used: BLOCK,
+        };
+        streams.reset(keys);
+        streams
+    }
+
+    /// The same for worlds by the row.
+    pub fn rows(keys: &[WorldKey], role: Role, member: u32) -> Vec<Self> {
+        let rows = keys.chunks(LANES);
+        rows.map(|keys| Self::new(keys.iter().copied(), role, member))
+            .collect()
+    }
+
+    /// Goes on with other worlds' streams from their beginning.
+    pub fn reset(&mut self, keys: impl Iterator<Item = WorldKey>) {
+        (self.lanes, self.counter, self.used) = (0, 0, BLOCK);
+        for (lane, world) in keys.take(LANES).enumerate() {
+            self.lanes = lane + 1;
+            let bytes = world.bytes(self.role, self.member);
+            for (row, word) in self.key.iter_mut().zip(bytes.as_chunks::<4>().0) {
+                row[lane] = i32::from_le_bytes(*word);
+            }
+        }
+    }
+
+    /// The same for worlds by the row.
+    pub fn reset_rows(rows: &mut [Self], keys: &[WorldKey]) {
+        for (row, keys) in rows.iter_mut().zip(keys.chunks(LANES)) {
+            row.reset(keys.iter().copied());
         }
     }
 

@@ -55,6 +55,11 @@ impl<T: Copy> Rows<T> {
         self.rows[item * self.blocks..][..self.blocks].fill([value; LANES]);
     }
 
+    /// Sets all items' values.
+    pub fn fill_all(&mut self, value: T) {
+        self.rows.fill([value; LANES]);
+    }
+
     /// All values, `[item][world]` with worlds padded to a multiple of [`LANES`].
     pub fn as_flat(&self) -> &[T] {
         self.rows.as_flattened()

@@ -134,6 +134,12 @@ pub trait Mobility: Send + Sync {
     /// If an outside program does not answer as it should; vehicles then stay where they are.
     fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()>;
 
+    /// Goes on with another world's vehicles before their first update, as its source would open it, in the same memory. `false` where
+    /// it has to be opened.
+    fn reset(&mut self, _key: &WorldKey) -> bool {
+        false
+    }
+
     /// Another vehicle takes a vehicle's index: its place. `None` where vehicles are not replaced.
     fn replace(&mut self, _vehicle: usize) -> Option<Place> {
         None

@@ -80,6 +80,11 @@ struct Recorded<'s> {
 }
 
 impl Mobility for Recorded<'_> {
+    fn reset(&mut self, _key: &WorldKey) -> bool {
+        self.last.fill(None);
+        true
+    }
+
     fn copy<'a>(&self) -> Option<Box<dyn Mobility + 'a>>
     where
         Self: 'a,

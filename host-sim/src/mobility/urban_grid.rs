@@ -129,27 +129,38 @@ impl<'s> UrbanGrid<'s> {
     /// `count` vehicles, each on a uniformly drawn heading, lane and place, with a uniformly drawn speed; where there are signals,
     /// some time later.
     fn new(scenario: &'s MobilityScenario, count: u32, key: &WorldKey) -> Self {
-        let mut stream = key.stream(Role::Mobility, 0);
-        let streets = Streets::new(scenario);
-        let vehicles = (0..count)
-            .map(|index| Vehicle::draw(&streets, index, count, &mut stream))
-            .collect();
         let mut grid = Self {
-            signals: Signals::new(scenario, &mut key.stream(Role::Mobility, 1)),
-            streets,
+            signals: Signals::new(scenario),
+            streets: Streets::new(scenario),
             count,
-            vehicles,
-            stream,
+            vehicles: Vec::with_capacity(count as usize),
+            stream: key.stream(Role::Mobility, 0),
             slots: 0,
         };
-        if let Some(signals) = &mut grid.signals {
-            signals.lead_in(&grid.streets, &mut grid.vehicles, &mut grid.stream);
-        }
+        grid.begin(key);
         grid
+    }
+
+    fn begin(&mut self, key: &WorldKey) {
+        self.stream = key.stream(Role::Mobility, 0);
+        self.slots = 0;
+        self.vehicles.clear();
+        let (streets, stream) = (&self.streets, &mut self.stream);
+        let draw = |index| Vehicle::draw(streets, index, self.count, stream);
+        self.vehicles.extend((0..self.count).map(draw));
+        if let Some(signals) = &mut self.signals {
+            signals.begin(&mut key.stream(Role::Mobility, 1));
+            signals.lead_in(&self.streets, &mut self.vehicles, &mut self.stream);
+        }
     }
 }
 
 impl Mobility for UrbanGrid<'_> {
+    fn reset(&mut self, key: &WorldKey) -> bool {
+        self.begin(key);
+        true
+    }
+
     fn advance(&mut self, slots: u32, places: &mut Vec<(usize, Place)>) -> Result<()> {
         let (streets, stream) = (&self.streets, &mut self.stream);
         if let Some(signals) = &mut self.signals {

@@ -34,19 +34,22 @@ pub(super) struct Signals {
 
 impl Signals {
     /// The scenario's signals, if it has any.
-    pub fn new(scenario: &MobilityScenario, stream: &mut Stream) -> Option<Self> {
-        let mut phases = |_| {
-            (0..=scenario.blocks_x)
-                .map(|_| f64::from(stream.uniform()))
-                .collect()
-        };
+    pub fn new(scenario: &MobilityScenario) -> Option<Self> {
+        let (x, y) = (scenario.blocks_x as usize + 1, scenario.blocks_y as usize + 1);
         (scenario.signal_cycle_s > 0.0).then(|| Self {
             cycle_s: scenario.signal_cycle_s,
             red_share: scenario.signal_red_share,
             spacing_m: scenario.queue_spacing_m,
-            phases: (0..=scenario.blocks_y).map(&mut phases).collect(),
+            phases: vec![vec![0.0; x]; y],
             order: Vec::new(),
         })
+    }
+
+    /// Draws when cycles begin.
+    pub fn begin(&mut self, stream: &mut Stream) {
+        for phase in self.phases.iter_mut().flatten() {
+            *phase = f64::from(stream.uniform());
+        }
     }
 
     /// Lets vehicles drive until there are queues.
