@@ -8,6 +8,7 @@
 mod flash;
 
 use assignment::Result;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use firmware::decision::POWER_CEILING;
 use firmware::image_store::{Exchange, ImageStore};
 use firmware::link::{
@@ -16,7 +17,7 @@ use firmware::link::{
 use firmware::lots::Identity;
 use firmware::session::{Request, Session};
 use firmware::table::CHECKSUM;
-use firmware::table_store::{Key, TableStore};
+use firmware::table_store::{Key, SLOT_LEN, TableStore};
 use firmware::tables::DISTILLED;
 use firmware::unit::Unit;
 use firmware::units::MAX_SUB_CHANNELS;
@@ -39,7 +40,39 @@ const TABLE: u32 = 3;
 /// The unit's two stores, as its image hands updates to them.
 struct Stores {
     tables: TableStore<ChipFlash>,
-    images: ImageStore<ChipFlash, BootLoader>,
+    images: ImageStore<Room, BootLoader>,
+}
+
+/// Flash of which the first sector is somebody else's.
+struct Room(ChipFlash);
+
+impl ErrorType for Room {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Room {
+    const READ_SIZE: usize = ChipFlash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> std::result::Result<(), NorFlashErrorKind> {
+        self.0.read(offset + SLOT_LEN as u32, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity() - SLOT_LEN
+    }
+}
+
+impl NorFlash for Room {
+    const WRITE_SIZE: usize = ChipFlash::WRITE_SIZE;
+    const ERASE_SIZE: usize = SLOT_LEN;
+
+    fn erase(&mut self, from: u32, to: u32) -> std::result::Result<(), NorFlashErrorKind> {
+        self.0.erase(from + SLOT_LEN as u32, to + SLOT_LEN as u32)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> std::result::Result<(), NorFlashErrorKind> {
+        self.0.write(offset + SLOT_LEN as u32, bytes)
+    }
 }
 
 /// A boot loader that does what it is asked.
@@ -66,7 +99,7 @@ pub fn run(scene: &Path) -> Result<()> {
     let mut session = Session::new(Unit::new(DISTILLED, Identity(7)));
     let mut stores = Stores {
         tables: TableStore::boot(ChipFlash::new(), Key::BUILT_IN, DISTILLED),
-        images: ImageStore::boot(ChipFlash::new(), BootLoader, Key::BUILT_IN, IMAGES[0]),
+        images: ImageStore::boot(Room(ChipFlash::new()), BootLoader, Key::BUILT_IN, IMAGES[0]),
     };
     let (mut answered, mut rest) = (None, input.as_slice());
     while let Some((&length, after)) = rest.split_first() {
