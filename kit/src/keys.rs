@@ -368,8 +368,12 @@ pub fn value<'v>(values: &'v Table, name: &str) -> Option<&'v Value> {
     }
 }
 
+/// How much of a name is compared with known keys, in bytes (chosen: three times the longest key). Likeness takes as long as the name.
+const COMPARED: usize = 200;
+
 /// Which of the known keys is most like a name. One with the wrong section, or with none, is still recognised.
 pub fn nearest<'k>(name: &str, known: impl IntoIterator<Item = &'k str>) -> &'k str {
+    let name = &name[..name.floor_char_boundary(COMPARED)];
     let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
     let likeness = |key: &str| {
         let whole = strsim::jaro_winkler(key, name);
