@@ -186,9 +186,9 @@ fn a_named_reward_is_paid_by_every_algorithm() {
     ];
     let maddpg = [
         "maddpg.worlds=2",
-        "maddpg.slots=40",
-        "maddpg.replay=80",
-        "maddpg.warm_up_slots=80",
+        "maddpg.slots=80",
+        "maddpg.replay=160",
+        "maddpg.warm_up_slots=140",
     ];
     let ppo = [
         "ppo.batches=2",
