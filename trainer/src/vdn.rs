@@ -17,7 +17,7 @@ use crate::laboratory::learner::{Learner, Metrics};
 use crate::laboratory::random;
 use crate::laboratory::state::State;
 use crate::maddpg::group::{Group, Role};
-use crate::maddpg::replay::{Batch, Extent, Replay, Return};
+use crate::maddpg::replay::{Batch, Extent, Replay, Return, most_transitions};
 use crate::network::Network;
 use crate::network::categorical::largest;
 use crate::network::optimiser::{Learned, Powers, Step};
@@ -109,12 +109,13 @@ impl LearningAlgorithm for Vdn {
             let expected = format!("at most vdn.slots, which is {}", self.slots);
             return Err(Error::input("vdn.steps", self.steps, expected));
         }
-        let episode = self.worlds as usize * self.slots as usize;
+        let (worlds, slots) = (self.worlds as usize, self.slots as usize);
+        let episode = worlds * slots;
         if self.replay < episode {
             let expected = format!("room for an episode of vdn.worlds x vdn.slots = {episode}");
             return Err(Error::input("vdn.replay", self.replay, expected));
         }
-        let kept = self.replay / episode * self.worlds as usize * (self.slots + 1 - self.steps) as usize;
+        let kept = most_transitions(self.replay, worlds, slots, self.steps as usize);
         if self.warm_up_slots > kept {
             let expected = format!("at most the {kept} transitions of the episodes that the replay holds");
             return Err(Error::input("vdn.warm_up_slots", self.warm_up_slots, expected));

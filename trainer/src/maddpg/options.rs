@@ -1,7 +1,7 @@
 //! What the algorithm is told. Sources are those of the preset `paper`: "Table I" and "Algorithm 1" are the paper's, "chosen" it
 //! leaves open.
 
-use super::replay::Return;
+use super::replay::{Return, most_transitions};
 use crate::game::actions::ActionSpace;
 use crate::game::reward::AgeReward;
 use firmware::form::{ObservationForm, OutputForm};
@@ -387,7 +387,8 @@ impl Maddpg {
                 return contradiction(found, "an action that is a choice, or 0");
             }
         }
-        let episode = self.worlds as usize * self.slots as usize;
+        let (worlds, slots) = (self.worlds as usize, self.slots as usize);
+        let episode = worlds * slots;
         if self.replay < episode {
             let found = format!(
                 "maddpg.replay = {} with maddpg.worlds x maddpg.slots = {episode}",
@@ -395,9 +396,7 @@ impl Maddpg {
             );
             return contradiction(found, "room for at least one episode");
         }
-        // Whole episodes, without the slots from which n steps lead beyond their end.
-        let starts = self.worlds as usize * (self.slots + 1 - self.n_step) as usize;
-        let kept = self.replay / episode * starts;
+        let kept = most_transitions(self.replay, worlds, slots, self.n_step as usize);
         for (key, needed) in [("warm_up_slots", self.warm_up_slots), ("batch", self.batch)] {
             if needed > kept {
                 let found = format!("maddpg.{key} = {needed} with maddpg.replay = {}", self.replay);

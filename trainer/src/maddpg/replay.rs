@@ -25,6 +25,12 @@ pub struct Extent {
     pub action: usize,
 }
 
+/// Transitions in a full replay with room for so many world-slots: of whole episodes, without the slots from which n steps lead beyond
+/// their end.
+pub fn most_transitions(room: usize, worlds: usize, slots: usize, n: usize) -> usize {
+    room / (worlds * slots) * worlds * (slots + 1 - n)
+}
+
 impl Extent {
     /// Shapes of what an episode holds: what is known, actions, rewards and ends.
     fn shapes(&self) -> [Vec<usize>; 4] {
