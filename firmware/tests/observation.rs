@@ -262,6 +262,23 @@ fn lots_part_equals_and_nobody_else() {
     }
 }
 
+/// To the slot: properties seldom draw the border.
+#[test]
+fn an_owner_counts_again_from_half_a_frame_on() {
+    let priority = |age| {
+        let owner = Readings {
+            age: Some(age),
+            place: Some((30, true)),
+            places: 40,
+            sub_channels: 2,
+            ..Readings::default()
+        };
+        owner.observation().quantities().priority()
+    };
+    assert_eq!((priority(1), priority(9)), (0, 0));
+    assert!(priority(10) > 0 && priority(11) > priority(10));
+}
+
 /// Whoever has no chance at all is not asked.
 #[test]
 fn nobody_reaches_the_greatest_threshold_and_everybody_the_least() {
