@@ -157,6 +157,16 @@ fn sum_paths(blocks: &mut [Block], state: &mut LinkState<'_>) -> Vec<Vec<f64>> {
     class_flows
 }
 
+/// Whether link flows are the sum of path flows, but for rounding.
+fn add_up(blocks: &mut [Block], state: &LinkState<'_>) -> bool {
+    const ROUNDING: f64 = 1e-9;
+    let mut summed = LinkState::new(state.problem);
+    sum_paths(blocks, &mut summed);
+    let largest = summed.flows.iter().copied().fold(0.0, f64::max);
+    let mut each = summed.flows.iter().zip(&state.flows);
+    each.all(|(summed, flow)| (summed - flow).abs() <= ROUNDING * largest)
+}
+
 /// Some origins with the paths of all their pairs, and room to work on them.
 #[derive(Clone)]
 pub(crate) struct Block {
@@ -309,6 +319,7 @@ fn equilibrate(blocks: &mut [Block], state: &mut LinkState<'_>, fewest_sweeps: u
         if creeps && exact {
             let mut pairs: Vec<Pair<'_>> = choices(blocks).collect();
             newton::balance(&mut pairs, state);
+            debug_assert!(add_up(blocks, state), "link flows are not the sum of path flows");
         }
         // Never at the end: the next sweep evens out what a long step magnifies.
         if extrapolated {
