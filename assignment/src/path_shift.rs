@@ -95,8 +95,8 @@ impl Shift {
             if cost < least {
                 (cheapest, least) = (index, cost);
             }
-            if path.flow > 0.0 && cost > most {
-                most = cost;
+            if path.flow > 0.0 {
+                most = cost.max(most);
             }
         }
         if most <= least {
