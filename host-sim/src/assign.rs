@@ -429,16 +429,19 @@ impl Assignment {
 
     /// Travel time of all vehicles in passenger cars, without what tolls and distance cost them.
     pub fn total_time(&self, solution: &Solution) -> f64 {
+        let times = solution.link_flows.iter().zip(self.link_times(solution));
+        times.map(|(flow, time)| flow * time).sum()
+    }
+
+    /// Travel time on each link, in file order, without what tolls and distance cost.
+    pub fn link_times(&self, solution: &Solution) -> impl Iterator<Item = f64> {
         let weights = if self.classes.is_empty() {
             self.network.weights()
         } else {
             CostWeights::default()
         };
-        let links = self.network.links().iter().zip(&solution.link_flows);
-        let times = links.zip(&solution.link_costs).map(|((link, flow), cost)| {
-            flow * (cost - weights.toll * link.toll - weights.distance * link.length)
-        });
-        times.sum()
+        let links = self.network.links().iter().zip(&solution.link_costs);
+        links.map(move |(link, cost)| cost - weights.toll * link.toll - weights.distance * link.length)
     }
 
     /// What the demand counts.

@@ -11,6 +11,7 @@ pub use flow_files::read as read_flows;
 
 use crate::assign::{AssignSource, Assignment, ClassTotals, MAX_ITERATIONS, stop_name};
 use crate::command::options::choice;
+use crate::report::answers;
 use crate::report::table::{Column, Table};
 use assignment::check::{self, Evaluation};
 use assignment::coordinates::{LengthUnit, NodePlaces};
@@ -228,8 +229,8 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
     let seconds = solve_start.elapsed().as_secs_f64();
     progress.finish();
     let report = assignment.report_with(&solution.link_flows, solution.converged)?;
-    outputs::write(arguments, assignment, &selection, &solved, &report)?;
     let seconds_total = start.elapsed().as_secs_f64();
+    // Before anything is written: a full disk takes the files, not the numbers.
     import::print_report(&report, arguments.json);
     if arguments.json {
         let mut object = timed(assignment.to_json(&solved), seconds, seconds_total);
@@ -243,7 +244,17 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
             say!("");
             say!("{}", class_table(assignment, &solved)?.to_string().trim_end());
         }
-        for (word, path) in outputs::written(arguments) {
+        if let Some(answer) = answers::of_assign(assignment, solution) {
+            say!("\n{answer}");
+        }
+    }
+    outputs::write(arguments, assignment, &selection, &solved, &report)?;
+    if !arguments.json {
+        let mut written = outputs::written(arguments).peekable();
+        if written.peek().is_some() {
+            say!("");
+        }
+        for (word, path) in written {
             say!("{word:<21}{}", path.display());
         }
     }

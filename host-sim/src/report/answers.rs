@@ -1,6 +1,10 @@
 //! What a report answers before anything else: what limits what is known, and what limits trips. In words, from numbers of the run
 //! alone; where intervals hold zero, the answer says that nothing can be told.
 
+mod full_roads;
+
+pub use full_roads::of_assign;
+
 use crate::age::ideal_age_ms;
 use crate::closed_loop::{LoopSummary, Mean, PolicyResult as LoopResult};
 use crate::experiment::{Experiment, PolicyResult};
@@ -58,8 +62,8 @@ fn knowing(
     let mut reasons = format!(
         "Under {name} the base station's last report of a vehicle is {mean_ms:.2} ms old on average. {bound_ms:.2} ms of it is waiting for a \
          turn: {} on {} cannot do better, however good the policy, and one sub-channel more would make it {:.2} ms.",
-        counted(cell.vehicles, "vehicle"),
-        counted(radio.sub_channels, "sub-channel"),
+        counted(cell.vehicles as usize, "vehicle"),
+        counted(radio.sub_channels as usize, "sub-channel"),
         ideal_age_ms(cell.vehicles, radio.sub_channels + 1)
     );
     let turns = (bound_ms, "How many share how few sub-channels.".to_owned());
@@ -248,7 +252,7 @@ fn lost_trips(
     }
 }
 
-fn counted(count: u32, what: &str) -> String {
+fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 

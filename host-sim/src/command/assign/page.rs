@@ -2,6 +2,7 @@
 
 use super::class_table;
 use crate::assign::Assignment;
+use crate::report::answers;
 use crate::report::chart::RoadMapChart;
 use crate::report::html::{Block, Page, Section};
 use crate::report::table::{Column, Table};
@@ -81,7 +82,7 @@ pub(super) fn render(
     let page = Page {
         title: "Freshlane: traffic assignment".to_owned(),
         summary,
-        answers: Vec::new(),
+        answers: answers::of_assign(assignment, solution).into_iter().collect(),
         facts,
         sections,
     };
