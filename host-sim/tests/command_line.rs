@@ -537,6 +537,14 @@ fn lines_fit_a_terminal() {
     ]);
     lines.push(vec!["explain"]);
     lines.push(vec!["explain", "planning.horizon_s"]);
+    let fixture =
+        |name: &str| concat!(env!("CARGO_MANIFEST_DIR"), "/../assignment/tests/fixtures/").to_owned() + name;
+    let (net, trips) = (fixture("SiouxFalls_net.tntp"), fixture("SiouxFalls_trips.tntp"));
+    let flows = folder.path().join("flows.csv").display().to_string();
+    let problem = ["assign", "--net", &net, "--trips", &trips];
+    lines.push([&problem[..], &["--flows", &flows]].concat());
+    lines.push([&problem[..], &["--check", &flows]].concat());
+    lines.push(vec!["bench", "--worlds", "2", "--slots", "20"]);
     for arguments in lines {
         let output = host_sim(&arguments);
         let text = String::from_utf8(output.stdout).unwrap();
@@ -545,7 +553,10 @@ fn lines_fit_a_terminal() {
             "{arguments:?}: {}",
             String::from_utf8_lossy(&output.stderr)
         );
-        for line in text.lines().filter(|line| !line.contains(&out)) {
+        for line in text
+            .lines()
+            .filter(|line| !line.contains(&*folder.path().to_string_lossy()))
+        {
             assert!(line.chars().count() <= 80, "{arguments:?}: {line}");
         }
     }

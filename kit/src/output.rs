@@ -16,6 +16,14 @@ macro_rules! say {
     };
 }
 
+/// Prints a sentence or more, with line breaks where a terminal ends.
+#[macro_export]
+macro_rules! tell {
+    ($($argument:tt)*) => {
+        $crate::say!("{}", $crate::text::wrapped(&format!($($argument)*), "  "))
+    };
+}
+
 /// Prints a line to standard error, if that can be written.
 #[macro_export]
 macro_rules! remark {

@@ -9,7 +9,7 @@ use crate::threads::thread_pool;
 use crate::traffic::{RoadAges, TrafficModel};
 use kit::error::{Error, Result};
 use kit::files;
-use kit::say;
+use kit::{say, tell};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -78,7 +78,7 @@ pub fn run(arguments: &FigureArguments) -> Result<()> {
     if arguments.json {
         say!("{}", json!({ "files": files }));
     } else {
-        say!("Written: {}.", files.join(", "));
+        tell!("Written: {}.", files.join(", "));
     }
     Ok(())
 }

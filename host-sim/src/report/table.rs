@@ -280,7 +280,7 @@ fn escaped(field: String) -> String {
 impl fmt::Display for Table {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.title.is_empty() {
-            writeln!(formatter, "{}", self.title)?;
+            writeln!(formatter, "{}", wrapped(&self.title, ""))?;
         }
         let shown = self.shown_columns();
         let with_units = shown.iter().any(|column| !column.unit.is_empty());

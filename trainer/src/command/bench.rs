@@ -8,7 +8,7 @@ use host_sim::command::options::choice;
 use host_sim::thread_pool;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
-use kit::say;
+use kit::{say, tell};
 use serde_json::json;
 use std::time::{Duration, Instant};
 
@@ -89,7 +89,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             })
         );
     } else {
-        say!(
+        tell!(
             "The paper's MADDPG, backend {backend}, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
              With one slot and one update after the other: {slots_per_second:.2} slots/s, of which the environment takes {:.2} %.",
             options.batch,

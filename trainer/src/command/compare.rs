@@ -7,7 +7,7 @@ use host_sim::command::run::{self, RunOptions, results_with_progress};
 use host_sim::policy::{actor, clock};
 use host_sim::thread_pool;
 use kit::error::{Error, Result};
-use kit::say;
+use kit::{say, tell};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -92,7 +92,7 @@ pub fn run(arguments: &CompareArguments) -> Result<()> {
         }));
         if !options.json {
             let interval = ci95_ms.map_or_else(String::new, |half| format!(" +- {half:.4}"));
-            say!(
+            tell!(
                 "actor {:.4} ms, {} {:.4} ms: difference {mean_ms:+.4}{interval} ms, ratio {:.4}",
                 actor.ages.mean_ms,
                 other.name,

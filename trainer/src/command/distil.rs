@@ -18,7 +18,7 @@ use kit::choice::Choice as _;
 use kit::error::{Error, Result};
 use kit::files::check_folder;
 use kit::layers::Layers;
-use kit::say;
+use kit::{say, tell};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -168,7 +168,7 @@ pub fn run(arguments: &DistilArguments) -> Result<()> {
     );
     for (cell, comparison) in mixture.cells().iter().zip(&compared) {
         let of = arguments.mixture.as_ref().map(|_| format!(" of {}", cell.name));
-        say!(
+        tell!(
             "On {} held-out worlds{} x {} slots: int8 {:.3} ms, float {:.3} ms, {:.3} % of decisions agree.",
             extent.worlds,
             of.unwrap_or_default(),

@@ -18,7 +18,7 @@ use host_sim::thread_pool;
 use host_sim::weight_table::WeightTable;
 use kit::choice::Choice as _;
 use kit::error::{Error, Result};
-use kit::say;
+use kit::{say, tell};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -228,11 +228,11 @@ fn report(
         object["no_table_because"] = json!(obstacle.map(Error::to_string));
         if !json {
             match (lost.zip(agreement), obstacle) {
-                (Some((lost, agreement)), _) => say!(
+                (Some((lost, agreement)), _) => tell!(
                     "Actor: int8 as deployed. Float: greedy too; int8 loses {lost:.3} ms, and {:.3} % of decisions agree.",
                     100.0 * agreement
                 ),
-                (None, Some(obstacle)) => say!("No int8 form: {obstacle}. Float: greedy."),
+                (None, Some(obstacle)) => tell!("No int8 form: {obstacle}. Float: greedy."),
                 (None, None) => say!("Float: greedy."),
             }
             say!("Exploring: as in training, drawn or with noise.");

@@ -19,7 +19,7 @@ use host_sim::thread_pool;
 use host_sim::weight_table::WeightTable;
 use kit::error::{Error, Result};
 use kit::files::{check_output, write_whole};
-use kit::say;
+use kit::{say, tell};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -233,7 +233,7 @@ fn report(
     } else {
         let provenance = table.provenance();
         let revision = revision_text(&provenance.revision);
-        say!(
+        tell!(
             "{message}\n{} bytes for up to {} vehicles, seed {}, sources {revision}. The longest slot takes {:.1} % of 1 ms \
              (modelled).",
             table.bytes().len(),

@@ -5,7 +5,7 @@ use host_sim::image::Image;
 use host_sim::weight_table::WeightTable;
 use kit::error::Result;
 use kit::files::{check_output, write_whole};
-use kit::say;
+use kit::{say, tell};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -68,7 +68,7 @@ pub fn run(arguments: &SignArguments) -> Result<()> {
         } else {
             "the key"
         };
-        say!(
+        tell!(
             "Wrote {}, {} bytes: version {version}, signed with {with} {}.",
             arguments.out.display(),
             package.len(),

@@ -7,7 +7,7 @@ use host_sim::Shard;
 use host_sim::report::table::{Column, Table};
 use kit::error::Result;
 use kit::files::{check_output, write_set, write_whole};
-use kit::say;
+use kit::{say, tell};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -108,7 +108,7 @@ fn report_shard(arguments: &StudyArguments, plan: &Plan, shard: Shard, runs: &[S
         say!("{object}");
         return Ok(());
     }
-    say!(
+    tell!(
         "Shard {} of {}: {} runs are finished in {out}.",
         shard.index,
         shard.count,
@@ -116,13 +116,13 @@ fn report_shard(arguments: &StudyArguments, plan: &Plan, shard: Shard, runs: &[S
     );
     let plan_file = arguments.plan.display();
     if missing.is_empty() {
-        say!("None is missing: `trainer study --plan {plan_file} --out {out}` writes the tables.");
+        tell!("None is missing: `trainer study --plan {plan_file} --out {out}` writes the tables.");
     } else {
         let named = missing
             .iter()
             .map(|&(case, seed)| format!("{}, seed {seed}", plan.case[case].name));
-        say!("Missing in {out}: {}.", named.collect::<Vec<_>>().join("; "));
-        say!(
+        tell!("Missing in {out}: {}.", named.collect::<Vec<_>>().join("; "));
+        tell!(
             "Run the other shards, copy runs/ of their folders into {out}/runs, then `trainer study --plan {plan_file} --out {out}` \
              writes the tables."
         );

@@ -8,7 +8,7 @@ use host_sim::command::options::{choice, progress_bar};
 use host_sim::thread_pool;
 use indicatif::ProgressBar;
 use kit::error::Result;
-use kit::say;
+use kit::{say, tell};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -103,7 +103,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
     if arguments.json {
         say!("{report}");
     } else {
-        say!(
+        tell!(
             "{} episodes of {}, seed {}. Last: {}.\nWritten to {}.",
             report["episodes"],
             identity.configuration.algorithm.name(),
@@ -112,7 +112,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
             arguments.out.display()
         );
         if let Some(obstacle) = report["no_table_because"].as_str() {
-            say!("No weight table: {obstacle}.");
+            tell!("No weight table: {obstacle}.");
         }
     }
     Ok(())

@@ -9,6 +9,7 @@ use assignment::units::{Length, Speed};
 use kit::error::{Error, Result};
 use kit::files::write_whole;
 use kit::say;
+use kit::text::wrapped;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -128,8 +129,13 @@ pub(super) fn print_report(report: &ImportReport, json: bool) {
     }
     for (note, times) in report.notes() {
         if note.kind != NoteKind::Warning {
-            let text = phrase(&note.text, times);
-            say!("{:<21}{}: {text}", note.kind.name(), note.place);
+            let line = format!(
+                "{:<21}{}: {}",
+                note.kind.name(),
+                note.place,
+                phrase(&note.text, times)
+            );
+            say!("{}", wrapped(&line, &" ".repeat(21)));
         }
     }
 }

@@ -40,11 +40,10 @@ pub fn of_assign(assignment: &Assignment, solution: &Solution) -> Option<Answer>
         let (worst_loss, worst) = losses[0];
         let link = &network.links()[worst];
         reasons.push_str(&format!(
-            " Half of what traffic costs is lost on {}, {:.1} % of it all on the one from {} to {}",
-            counted(half, "road"),
-            100.0 * worst_loss / lost,
+            " The one from {} to {} alone makes {:.1} % of what traffic costs",
             network.node_name(link.init_node),
             network.node_name(link.term_node),
+            100.0 * worst_loss / lost,
         ));
         reasons.push_str(&match ratios.get(worst) {
             Some(ratio) if *ratio > 0.0 => format!(", at {ratio:.2} times its capacity."),
@@ -112,7 +111,7 @@ mod tests {
         assert_eq!(
             full.reasons,
             "A trip takes 3.40 units of the network's time on average, 240.0 % more than on the same ways without traffic. Of 2 roads, 1 is above \
-             capacity. Half of what traffic costs is lost on 1 road, 100.0 % of it all on the one from 1 to 2, at 2.00 times its capacity."
+             capacity. The one from 1 to 2 alone makes 100.0 % of what traffic costs, at 2.00 times its capacity."
         );
         let busy = answer("two", 10.0, 9);
         assert_eq!(
