@@ -24,8 +24,9 @@
 //! [`stream`], so a seed gives the same bytes on any machine and for any number of threads. [`pack`] orders a network's
 //! integers for the firmware's kernel.
 //!
-//! The feature `program`, on by default, adds the command line with everything that only programs need: reports, sweeps, the
-//! chip's images in QEMU, and the files of other programs.
+//! The feature `program`, on by default, adds the command line with everything that only programs need: reports, sweeps, and the
+//! files of other programs. On top of it, likewise by default, what brings large libraries for few commands: `chip` has the chip's
+//! images in QEMU (`hil`, `deadline`), `parquet` and `omx` these files.
 
 #![allow(
     clippy::needless_range_loop,
@@ -39,20 +40,22 @@ pub mod assign;
 pub mod base_station;
 pub mod capacity;
 pub mod channel;
+#[cfg(feature = "program")]
+mod child;
 mod churn;
 pub mod closed_loop;
 #[cfg(feature = "program")]
 pub mod command;
-#[cfg(feature = "program")]
+#[cfg(feature = "chip")]
 pub mod deadline;
 pub mod decisions;
 #[cfg(feature = "program")]
 pub mod difference;
 pub mod environment;
 pub mod experiment;
-#[cfg(feature = "program")]
+#[cfg(feature = "chip")]
 pub mod hil;
-#[cfg(feature = "program")]
+#[cfg(feature = "chip")]
 pub mod image;
 pub mod imperfections;
 pub mod journeys;

@@ -32,8 +32,10 @@ enum Command {
     Merge(command::merge::MergeArguments),
     /// Two results of one command side by side: settings that differ, and by how much what came out
     Diff(command::diff::DiffArguments),
+    #[cfg(feature = "chip")]
     /// Images in QEMU as vehicles of the cell
     Hil(command::hil::HilArguments),
+    #[cfg(feature = "chip")]
     /// What a slot costs on the chip: instructions in QEMU, modelled cycles, memories
     Deadline(command::deadline::DeadlineArguments),
     /// How many slots a second the simulator makes on this machine
@@ -69,7 +71,9 @@ fn main() -> ExitCode {
         Some(Command::Sweep(arguments)) => command::sweep::run(&arguments),
         Some(Command::Merge(arguments)) => command::merge::run(&arguments),
         Some(Command::Diff(arguments)) => command::diff::run(&arguments),
+        #[cfg(feature = "chip")]
         Some(Command::Hil(arguments)) => command::hil::run(&arguments),
+        #[cfg(feature = "chip")]
         Some(Command::Deadline(arguments)) => command::deadline::run(&arguments),
         Some(Command::Bench(arguments)) => command::bench::run(&arguments),
         Some(Command::Init(arguments)) => command::scenario::init(&arguments),

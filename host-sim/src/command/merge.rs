@@ -6,7 +6,7 @@ use crate::sweep::figure;
 use crate::sweep::merged::{Merged, listed};
 use kit::error::{Error, Result};
 use kit::files;
-use kit::{remark, say};
+use kit::{remark, say, tell};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -78,6 +78,7 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
     }
     let table = merged.table(&grid)?;
     let mut set = vec![
+        #[cfg(feature = "parquet")]
         ("merged.parquet".to_owned(), table.to_parquet()?),
         ("merged.csv".to_owned(), table.to_csv().into_bytes()),
     ];
@@ -99,7 +100,7 @@ pub fn run(arguments: &MergeArguments) -> Result<()> {
             [] => String::new(),
             missing => format!(" Missing {}: {}.", missing.len(), listed(missing)),
         };
-        say!(
+        tell!(
             "{} of {} points merged.{missing} Written: {}.",
             merged.present.len(),
             grid.points(),

@@ -4,10 +4,12 @@ pub mod assign;
 pub mod bench;
 pub mod carry;
 pub mod closed_loop;
+#[cfg(feature = "chip")]
 pub mod deadline;
 pub mod diff;
 pub mod explain;
 pub mod figures;
+#[cfg(feature = "chip")]
 pub mod hil;
 pub mod merge;
 pub mod options;

@@ -3,6 +3,7 @@
 //! QEMU calls back to sockets that are already bound, so no port is ever guessed and no other program can take it in between. The
 //! process ends with its [`Emulator`], and on Linux with its parent, however that ends.
 
+use crate::child::end_with_parent;
 use firmware::link::{Receiver, UnitMessage};
 use kit::error::{Error, Result};
 use serde_json::{Value, json};
@@ -323,22 +324,3 @@ pub(crate) fn machine(elf: &Path) -> Command {
     end_with_parent(&mut command);
     command
 }
-
-/// Asks the system to end the process when the thread that starts it ends, even if that is killed.
-#[cfg(target_os = "linux")]
-pub(crate) fn end_with_parent(command: &mut Command) {
-    use std::os::unix::process::CommandExt;
-    // SAFETY: between fork and exec only async-signal-safe calls are allowed; prctl is a bare system call, and the closure
-    // allocates nothing.
-    #[allow(unsafe_code, reason = "the only way to a parent-death signal")]
-    unsafe {
-        command.pre_exec(|| match libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) {
-            0 => Ok(()),
-            _ => Err(std::io::Error::last_os_error()),
-        });
-    }
-}
-
-/// Elsewhere a killed parent leaves its children to whoever killed it.
-#[cfg(not(target_os = "linux"))]
-pub(crate) fn end_with_parent(_: &mut Command) {}

@@ -9,6 +9,7 @@ pub mod html;
 pub mod learning;
 pub mod measured_traffic;
 pub mod pages;
+#[cfg(feature = "parquet")]
 pub mod parquet;
 pub mod table;
 pub mod terminal;

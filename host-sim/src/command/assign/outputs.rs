@@ -11,6 +11,7 @@ use assignment::{
 };
 use kit::error::{Error, Result};
 use kit::files::{Text, check_output, write_set, write_whole};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// A file or folder that a solve writes.
@@ -23,6 +24,18 @@ struct Output<'a> {
     endings: &'static [&'static str],
 }
 
+/// How names of flows and of skims may end: the libraries behind the second kind are features.
+const FLOW_ENDINGS: &[&str] = if cfg!(feature = "parquet") {
+    &["csv", "parquet"]
+} else {
+    &["csv"]
+};
+const SKIM_ENDINGS: &[&str] = if cfg!(feature = "omx") {
+    &["csv", "omx"]
+} else {
+    &["csv"]
+};
+
 /// Every file that a solve can write, in the order of reports.
 fn outputs(arguments: &AssignArguments) -> [Output<'_>; 8] {
     let output = |option, word, path, endings| Output {
@@ -32,9 +45,9 @@ fn outputs(arguments: &AssignArguments) -> [Output<'_>; 8] {
         endings,
     };
     [
-        output("--flows", "link flows", &arguments.flows, &["csv", "parquet"]),
+        output("--flows", "link flows", &arguments.flows, FLOW_ENDINGS),
         output("--paths", "path flows", &arguments.paths, &["csv"]),
-        output("--skims", "skims", &arguments.skims, &["csv", "omx"]),
+        output("--skims", "skims", &arguments.skims, SKIM_ENDINGS),
         output("--selected", "select link", &arguments.selected, &["csv"]),
         output("--convergence", "convergence", &arguments.convergence, &["csv"]),
         output(
@@ -283,18 +296,15 @@ fn skim_file(path: &Path, assignment: &Assignment, solved: &ClassSolution) -> Re
         let own = skims::class_skims(network, class, &flows.link_costs)?;
         skims.push((class.name.as_str(), own));
     }
-    let is_omx = path.extension().is_some_and(|ending| ending == "omx");
-    if skims.is_empty() {
-        let all = skims::skims(network, &solved.total.link_costs)?;
-        if !is_omx {
-            return Ok(skims::format_skims(network, &all).into_bytes());
-        }
-        skims.push(("", all));
+    let of_classes = !skims.is_empty();
+    if !of_classes {
+        skims.push(("", skims::skims(network, &solved.total.link_costs)?));
     }
-    if is_omx {
-        skims::format_omx(network, &skims)
-    } else {
-        Ok(skims::format_class_skims(network, &skims).into_bytes())
+    match path.extension().and_then(OsStr::to_str) {
+        #[cfg(feature = "omx")]
+        Some("omx") => skims::format_omx(network, &skims),
+        _ if of_classes => Ok(skims::format_class_skims(network, &skims).into_bytes()),
+        _ => Ok(skims::format_skims(network, &skims[0].1).into_bytes()),
     }
 }
 

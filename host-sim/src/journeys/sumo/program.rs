@@ -1,7 +1,7 @@
 //! SUMO's programs: where they are, and a simulation that does not outlive who started it.
 
 use super::traci::{Client, Version};
-use crate::hil::emulator::end_with_parent;
+use crate::child::end_with_parent;
 use kit::error::{Error, Result};
 use std::ffi::OsString;
 use std::fs::File;
