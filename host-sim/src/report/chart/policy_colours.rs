@@ -40,8 +40,9 @@ pub(super) fn pairs() -> impl Iterator<Item = (Colour, Colour)> {
 
 #[cfg(test)]
 mod tests {
-    use super::COLOURS;
+    use super::{COLOURS, of};
     use crate::policy::KINDS;
+    use std::path::{Path, PathBuf};
 
     #[test]
     fn every_policy_has_a_colour_of_its_own_the_page_s() {
@@ -65,6 +66,36 @@ mod tests {
                 1,
                 "{name}"
             );
+        }
+    }
+
+    /// All but the drawing of how data flow, which shows no policies. A bar, or a line with its mark, stands before its name.
+    #[test]
+    fn figures_of_the_book_have_these_colours() {
+        let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+        let paths = std::fs::read_dir(docs)
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        let is_figure = |path: &PathBuf| {
+            path.extension().is_some_and(|end| end == "svg") && !path.ends_with("data-flow.svg")
+        };
+        let figures: Vec<PathBuf> = paths.filter(is_figure).collect();
+        assert!(figures.len() > 4, "{figures:?}");
+        for path in figures {
+            let svg = std::fs::read_to_string(&path).unwrap();
+            let elements: Vec<&str> = svg.split('<').filter(|part| !part.starts_with('/')).collect();
+            let mut names = 0;
+            for part in elements.windows(4) {
+                let (marks, text) = part.split_at(3);
+                let name = text[0].rsplit('>').next().unwrap_or_default();
+                if let Some(colour) = of(name).filter(|_| name != "bound") {
+                    let own = [colour, colour.tint()].map(|colour| format!("=\"{colour}\""));
+                    let has = |mark: &&str| own.iter().any(|own| mark.contains(own));
+                    assert!(marks.iter().any(has), "{}: {name}: {marks:?}", path.display());
+                    names += 1;
+                }
+            }
+            assert!(names > 1, "{}", path.display());
         }
     }
 }
