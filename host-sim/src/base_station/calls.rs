@@ -65,6 +65,8 @@ pub struct Caller {
     others: bool,
     /// Chance that a vehicle is received in a slot that it is called for. `[slot modulo the calls' delay and one][vehicle][world]`.
     received: Vec<Rows<f32>>,
+    /// Whether one is. `[slot modulo the calls' delay and one][world]`.
+    calls: Vec<Vec<bool>>,
     vehicles: usize,
 }
 
@@ -81,6 +83,7 @@ impl Caller {
             candidates: Vec::with_capacity(vehicles),
             others: false,
             received: vec![Rows::new(worlds, vehicles, 0.0); delay + 1],
+            calls: vec![vec![false; worlds]; delay + 1],
             vehicles,
         }
     }
@@ -90,12 +93,15 @@ impl Caller {
         self.received
             .iter_mut()
             .for_each(|received| received.fill_all(0.0));
+        self.calls.iter_mut().for_each(|calls| calls.fill(false));
     }
 
     /// Nobody is called for the slot with this index.
     pub fn call_nobody(&mut self, world: usize, index: usize) {
-        for vehicle in 0..self.vehicles {
-            self.received[index].set(world, vehicle, 0.0);
+        if std::mem::take(&mut self.calls[index][world]) {
+            for vehicle in 0..self.vehicles {
+                self.received[index].set(world, vehicle, 0.0);
+            }
         }
     }
 
@@ -170,6 +176,7 @@ impl Caller {
         } else {
             self.call_by_choice(world, index, open)
         };
+        self.calls[index][world] = called > 0;
         // Nobody beside those who are called reaches it.
         let threshold = match self.candidates[..called].last() {
             None => u32::MAX,

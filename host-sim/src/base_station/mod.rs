@@ -55,6 +55,9 @@ const WITHOUT_GAINS: Sharing = Sharing {
     value_power: 1.89,
 };
 
+/// Chance from which a weight is the full one: whatever the sharing, no less than half a step below or above it.
+const ALMOST_SURE: f64 = 0.998;
+
 /// How far the chance of an owner may fall below that, or must rise above it to become one: so that nobody comes and goes (chosen).
 const CHANCE_MARGIN: f64 = 0.03;
 
@@ -293,7 +296,17 @@ impl BaseStation {
     fn appraise(&mut self, world: usize, vehicle: usize, gain_db: f32) {
         let chance = libm::exp(-libm::exp10((self.required_db - f64::from(gain_db)) / 10.0));
         self.chances.set(world, vehicle, chance as f32);
-        let weight = self.sharing.full_weight * libm::pow(chance.max(1e-9), self.sharing.weight_power);
+        let Sharing {
+            full_weight,
+            weight_power,
+            ..
+        } = self.sharing;
+        // Most vehicles hardly ever fail: then the power would be rounded away.
+        let weight = if chance > ALMOST_SURE {
+            full_weight
+        } else {
+            full_weight * libm::pow(chance.max(1e-9), weight_power)
+        };
         let weight = weight.round().clamp(1.0, 255.0) as u8;
         self.announcements.weights.set(world, vehicle, weight);
     }
@@ -489,6 +502,7 @@ impl BaseStation {
     }
 
     /// Whether a vehicle has a place that it knows of.
+    #[inline]
     pub(crate) fn keeps(&self, world: usize, vehicle: usize, ages: &Rows<u16>) -> bool {
         let Announcements {
             sub_channels,

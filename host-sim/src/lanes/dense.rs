@@ -90,117 +90,208 @@ impl<const COLUMNS: usize> Block<COLUMNS> {
     }
 }
 
+/// What a network's activations lie in while it is computed.
+#[derive(Clone, Debug)]
+pub struct Activations {
+    now: Vec<Row<i32>>,
+    next: Vec<Row<i32>>,
+}
+
+impl Activations {
+    /// Room for layers of up to so many columns and rows.
+    pub fn new(widest: usize) -> Self {
+        let words = vec![[0; LANES]; widest.div_ceil(2)];
+        Self {
+            now: words.clone(),
+            next: words,
+        }
+    }
+}
+
 impl Vectors {
-    /// A network's inputs, each in the range of i8, as its first layer takes them; `words` has room for half as many.
-    pub fn take_inputs(self, inputs: &[Row<i32>], words: &mut [Row<i32>]) {
-        self.compute(Inputs { inputs, words });
-    }
-
-    /// A hidden layer's activations; `next` has room for half as many as it has rows.
-    pub fn hidden(self, layer: &Dense, now: &[Row<i32>], next: &mut [Row<i32>]) {
-        self.compute(Hidden { layer, now, next });
-    }
-
-    /// The last layer's rows before any clamp, as many as there is room for, whole blocks of up to four.
-    pub fn outputs(self, layer: &Dense, now: &[Row<i32>], outputs: &mut [Row<i32>]) {
-        self.compute(Outputs { layer, now, outputs });
+    /// The rows of a network's last layer before any clamp, as many as there is room for, whole blocks of up to four. `inputs` are each in
+    /// the range of i8.
+    pub fn infer(
+        self,
+        layers: &[Dense],
+        inputs: &[Row<i32>],
+        activations: &mut Activations,
+        outputs: &mut [Row<i32>],
+    ) {
+        self.compute(Inference {
+            layers,
+            inputs,
+            activations,
+            outputs,
+        });
     }
 }
 
-struct Inputs<'a> {
+/// All layers in one kernel: choosing the unit, and waiting for vectors that were just stored, takes as long as a small layer.
+struct Inference<'a> {
+    layers: &'a [Dense],
     inputs: &'a [Row<i32>],
-    words: &'a mut [Row<i32>],
-}
-
-impl Kernel for Inputs<'_> {
-    #[inline(always)]
-    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
-        let unit = products.unit();
-        let offset = unit.splat(OFFSET);
-        let (whole, rest) = self.inputs.as_chunks::<COLUMNS>();
-        let mut last = [[0; LANES]; COLUMNS];
-        last[..rest.len()].copy_from_slice(rest);
-        for (inputs, word) in whole.iter().chain([&last]).zip(self.words) {
-            for part in 0..LANES / P::Unit::WIDTH {
-                let mut columns = [offset; COLUMNS];
-                for column in 0..COLUMNS {
-                    columns[column] = unit.add(unit.load(&inputs[column], part), offset);
-                }
-                unit.store(word, part, products.pack(columns));
-            }
-        }
-    }
-}
-
-struct Hidden<'a> {
-    layer: &'a Dense,
-    now: &'a [Row<i32>],
-    next: &'a mut [Row<i32>],
-}
-
-impl Kernel for Hidden<'_> {
-    #[inline(always)]
-    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
-        for (block, next) in P::blocks(self.layer).iter().zip(self.next) {
-            for first in (0..LANES / P::Unit::WIDTH).step_by(PARTS) {
-                let rows = scaled::<P, COLUMNS, PARTS>(products, block, self.now, first);
-                for part in 0..PARTS {
-                    let mut columns = [rows[0][part]; COLUMNS];
-                    for column in 0..COLUMNS {
-                        columns[column] = rows[column][part];
-                    }
-                    products.unit().store(next, first + part, products.pack(columns));
-                }
-            }
-        }
-    }
-}
-
-struct Outputs<'a> {
-    layer: &'a Dense,
-    now: &'a [Row<i32>],
+    activations: &'a mut Activations,
     outputs: &'a mut [Row<i32>],
 }
 
-impl Kernel for Outputs<'_> {
+impl Kernel for Inference<'_> {
     #[inline(always)]
-    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
-        let outputs = self.outputs.as_chunks_mut::<COLUMNS>().0;
-        for (block, outputs) in P::blocks(self.layer).iter().zip(outputs) {
-            for first in (0..LANES / P::Unit::WIDTH).step_by(PARTS) {
-                let rows = scaled::<P, COLUMNS, PARTS>(products, block, self.now, first);
-                for (output, row) in outputs.iter_mut().zip(rows) {
-                    for part in 0..PARTS {
-                        products.unit().store(output, first + part, row[part]);
-                    }
+    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize, const TWO: bool>(
+        self,
+        products: P,
+    ) {
+        let Activations { now, next } = self.activations;
+        let (mut now, mut next) = (&mut now[..], &mut next[..]);
+        take_inputs(products, self.inputs, now);
+        if let Some((last, hidden)) = self.layers.split_last() {
+            for layer in hidden {
+                compute_hidden::<P, COLUMNS, PARTS, TWO>(products, layer, now, next);
+                std::mem::swap(&mut now, &mut next);
+            }
+            compute_outputs::<P, COLUMNS, PARTS>(products, last, now, self.outputs);
+        }
+    }
+}
+
+/// A network's inputs as its first layer takes them.
+#[inline(always)]
+fn take_inputs<P: Products<COLUMNS>, const COLUMNS: usize>(
+    products: P,
+    inputs: &[Row<i32>],
+    words: &mut [Row<i32>],
+) {
+    let unit = products.unit();
+    let offset = unit.splat(OFFSET);
+    let (whole, rest) = inputs.as_chunks::<COLUMNS>();
+    let mut last = [[0; LANES]; COLUMNS];
+    last[..rest.len()].copy_from_slice(rest);
+    for (inputs, word) in whole.iter().chain([&last]).zip(words) {
+        for part in 0..LANES / P::Unit::WIDTH {
+            let mut columns = [offset; COLUMNS];
+            for column in 0..COLUMNS {
+                columns[column] = unit.add(unit.load(&inputs[column], part), offset);
+            }
+            unit.store(word, part, products.pack(columns));
+        }
+    }
+}
+
+/// A hidden layer's activations.
+#[inline(always)]
+fn compute_hidden<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize, const TWO: bool>(
+    products: P,
+    layer: &Dense,
+    now: &[Row<i32>],
+    next: &mut [Row<i32>],
+) {
+    let blocks = P::blocks(layer);
+    let pairs = if TWO { blocks.as_chunks::<2>().0 } else { &[] };
+    let singles = &blocks[2 * pairs.len()..];
+    let (next_pairs, next_singles) = next.split_at_mut((2 * pairs.len()).min(next.len()));
+    for ([one, other], [next_one, next_other]) in pairs.iter().zip(next_pairs.as_chunks_mut().0) {
+        for first in (0..LANES / P::Unit::WIDTH).step_by(PARTS) {
+            let mut sums = start::<P, COLUMNS, PARTS>(products, one);
+            let mut others = start::<P, COLUMNS, PARTS>(products, other);
+            for ((weights, other_weights), now) in one.weights.iter().zip(&other.weights).zip(now) {
+                add_word::<P, COLUMNS, PARTS>(products, &mut sums, weights, now, first);
+                add_word::<P, COLUMNS, PARTS>(products, &mut others, other_weights, now, first);
+            }
+            activate::<P, COLUMNS, PARTS>(products, one, sums, next_one, first);
+            activate::<P, COLUMNS, PARTS>(products, other, others, next_other, first);
+        }
+    }
+    for (block, next) in singles.iter().zip(next_singles) {
+        for first in (0..LANES / P::Unit::WIDTH).step_by(PARTS) {
+            let sums = sum_up::<P, COLUMNS, PARTS>(products, block, now, first);
+            activate::<P, COLUMNS, PARTS>(products, block, sums, next, first);
+        }
+    }
+}
+
+/// The last layer's rows.
+#[inline(always)]
+fn compute_outputs<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+    products: P,
+    layer: &Dense,
+    now: &[Row<i32>],
+    outputs: &mut [Row<i32>],
+) {
+    let outputs = outputs.as_chunks_mut::<COLUMNS>().0;
+    for (block, outputs) in P::blocks(layer).iter().zip(outputs) {
+        for first in (0..LANES / P::Unit::WIDTH).step_by(PARTS) {
+            let sums = sum_up::<P, COLUMNS, PARTS>(products, block, now, first);
+            for (output, row) in outputs
+                .iter_mut()
+                .zip(scale::<P, COLUMNS, PARTS>(products, block, sums))
+            {
+                for part in 0..PARTS {
+                    products.unit().store(output, first + part, row[part]);
                 }
             }
         }
     }
 }
 
-/// A block's rows by the specification, before any clamp, in the vectors from `first` on.
+/// Of a block's rows, in some vectors of each.
+type Sums<P, const COLUMNS: usize, const PARTS: usize> =
+    [[<<P as Products<COLUMNS>>::Unit as Unit>::Vector; PARTS]; COLUMNS];
+
+/// What a block's sums start from.
 #[inline(always)]
-fn scaled<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+fn start<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
     products: P,
     block: &Block<COLUMNS>,
-    now: &[Row<i32>],
-    first: usize,
-) -> [[<P::Unit as Unit>::Vector; PARTS]; COLUMNS] {
+) -> Sums<P, COLUMNS, PARTS> {
     let unit = products.unit();
     let mut sums = [[unit.splat(0); PARTS]; COLUMNS];
     for row in 0..COLUMNS {
         sums[row] = [unit.splat(block.starts[row]); PARTS];
     }
-    for (weights, now) in block.weights.iter().zip(now) {
-        for row in 0..COLUMNS {
-            let weights = unit.splat(weights[row]);
-            for part in 0..PARTS {
-                let activations = unit.load(now, first + part);
-                sums[row][part] = products.add_products(sums[row][part], activations, weights);
-            }
+    sums
+}
+
+/// Adds the products of a word's columns, in the vectors from `first` on.
+#[inline(always)]
+fn add_word<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+    products: P,
+    sums: &mut Sums<P, COLUMNS, PARTS>,
+    weights: &[i32; COLUMNS],
+    now: &Row<i32>,
+    first: usize,
+) {
+    let unit = products.unit();
+    for row in 0..COLUMNS {
+        let weights = unit.splat(weights[row]);
+        for part in 0..PARTS {
+            sums[row][part] = products.add_products(sums[row][part], unit.load(now, first + part), weights);
         }
     }
+}
+
+/// A block's sums, in the vectors from `first` on.
+#[inline(always)]
+fn sum_up<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+    products: P,
+    block: &Block<COLUMNS>,
+    now: &[Row<i32>],
+    first: usize,
+) -> Sums<P, COLUMNS, PARTS> {
+    let mut sums = start::<P, COLUMNS, PARTS>(products, block);
+    for (weights, now) in block.weights.iter().zip(now) {
+        add_word::<P, COLUMNS, PARTS>(products, &mut sums, weights, now, first);
+    }
+    sums
+}
+
+/// A block's rows by the specification, before any clamp.
+#[inline(always)]
+fn scale<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+    products: P,
+    block: &Block<COLUMNS>,
+    mut sums: Sums<P, COLUMNS, PARTS>,
+) -> Sums<P, COLUMNS, PARTS> {
+    let unit = products.unit();
     for row in 0..COLUMNS {
         let multipliers = unit.splat(block.multipliers[row]);
         for part in 0..PARTS {
@@ -208,6 +299,29 @@ fn scaled<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
         }
     }
     sums
+}
+
+/// A block's rows as the next layer takes them.
+#[inline(always)]
+fn activate<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
+    products: P,
+    block: &Block<COLUMNS>,
+    sums: Sums<P, COLUMNS, PARTS>,
+    next: &mut Row<i32>,
+    first: usize,
+) {
+    let unit = products.unit();
+    let mut multipliers = [unit.splat(0); COLUMNS];
+    for row in 0..COLUMNS {
+        multipliers[row] = unit.splat(block.multipliers[row]);
+    }
+    for part in 0..PARTS {
+        let mut columns = [sums[0][part]; COLUMNS];
+        for column in 0..COLUMNS {
+            columns[column] = sums[column][part];
+        }
+        unit.store(next, first + part, products.scale_and_pack(columns, multipliers));
+    }
 }
 
 #[cfg(test)]

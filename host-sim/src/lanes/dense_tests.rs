@@ -49,11 +49,11 @@ fn every_unit_computes_the_specification() {
         let layers = [Dense::new(&first, true), Dense::new(&second, false)];
         for vectors in Vectors::all() {
             // What an earlier inference left means nothing.
-            let (mut now, mut next) = (vec![[-1; LANES]; 40], vec![[-1; LANES]; 40]);
-            vectors.take_inputs(&inputs, &mut now);
-            vectors.hidden(&layers[0], &now, &mut next);
+            let mut activations = Activations::new(40);
+            activations.now.fill([-1; LANES]);
+            activations.next.fill([-1; LANES]);
             let mut found = vec![[-1; LANES]; outputs.len().next_multiple_of(4)];
-            vectors.outputs(&layers[1], &next, &mut found);
+            vectors.infer(&layers, &inputs, &mut activations, &mut found);
             found.truncate(outputs.len());
             assert_eq!(found, outputs, "{}", vectors.name());
         }

@@ -14,7 +14,7 @@ mod rows;
 mod units;
 mod vectors;
 
-pub use dense::{Dense, DenseRow};
+pub use dense::{Activations, Dense, DenseRow};
 pub use logarithm::{DECIBELS_PER_OCTAVE, decibels, log2};
 pub use normal::normals;
 pub use power::ratio;

@@ -113,7 +113,10 @@ struct NextBlock<'a> {
 
 impl Kernel for NextBlock<'_> {
     #[inline(always)]
-    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P) {
+    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize, const TWO: bool>(
+        self,
+        products: P,
+    ) {
         let unit = products.unit();
         // A vector of each word at a time, so that all sixteen stay in registers.
         for part in 0..self.lanes.div_ceil(P::Unit::WIDTH) {

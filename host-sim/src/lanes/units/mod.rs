@@ -69,6 +69,19 @@ pub trait Products<const COLUMNS: usize>: Copy {
 
     /// Activations of columns, clamped to 0 to 255, in one vector.
     fn pack(self, columns: [<Self::Unit as Unit>::Vector; COLUMNS]) -> <Self::Unit as Unit>::Vector;
+
+    /// Scaled sums of columns, packed.
+    #[inline(always)]
+    fn scale_and_pack(
+        self,
+        mut sums: [<Self::Unit as Unit>::Vector; COLUMNS],
+        multipliers: [<Self::Unit as Unit>::Vector; COLUMNS],
+    ) -> <Self::Unit as Unit>::Vector {
+        for column in 0..COLUMNS {
+            sums[column] = self.unit().scale(sums[column], multipliers[column]);
+        }
+        self.pack(sums)
+    }
 }
 
 /// In each 128 bits, where four lanes' bytes of the first column are followed by those of the next: the indices of the bytes of
@@ -84,11 +97,28 @@ const fn lane_after_lane<const COLUMNS: usize>() -> [u8; 16] {
     indices
 }
 
+/// The same where in each 128 bits the even lanes' bytes, two of each column after the other, are followed by the odd ones'.
+#[allow(dead_code, reason = "of some architectures")]
+const fn odd_after_even<const COLUMNS: usize>() -> [u8; 16] {
+    let mut indices = [0x80; 16];
+    let mut place = 0;
+    while place < 4 * COLUMNS {
+        let (lane, column) = (place / COLUMNS, place % COLUMNS);
+        let from = lane % 2 * 2 * COLUMNS + 2 * column + lane / 2;
+        indices[lane * 4 + column * (4 / COLUMNS)] = from as u8;
+        place += 1;
+    }
+    indices
+}
+
 /// What can be done on any unit.
 pub trait Kernel {
-    /// Does it, with `PARTS` of a row's vectors at a time (chosen: with the rows of a block eight sums, or sixteen where there are
-    /// registers for them).
-    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(self, products: P);
+    /// Does it, with `PARTS` of a row's vectors at a time, and the rows of two blocks if `TWO` (chosen: that is eight sums, or sixteen where
+    /// there are registers for them).
+    fn run<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize, const TWO: bool>(
+        self,
+        products: P,
+    );
 }
 
 impl Vectors {
@@ -104,12 +134,12 @@ impl Vectors {
             #[cfg(target_arch = "x86_64")]
             (Some(pulp::Arch::V3(unit)), _) => x86::Pairs256(unit).run(kernel),
             #[cfg(target_arch = "aarch64")]
-            (_, Some(bytes)) => kernel.run::<_, 4, 4>(bytes),
+            (_, Some(bytes)) => kernel.run::<_, 4, 4, false>(bytes),
             #[cfg(target_arch = "aarch64")]
-            (Some(pulp::Arch::Neon(unit)), _) => kernel.run::<_, 2, 4>(unit),
+            (Some(pulp::Arch::Neon(unit)), _) => kernel.run::<_, 2, 4, false>(unit),
             #[cfg(target_arch = "wasm32")]
-            (Some(pulp::Arch::Simd128(unit)), _) => kernel.run::<_, 2, 4>(unit),
-            _ => kernel.run::<_, 2, 1>(plain::Plain),
+            (Some(pulp::Arch::Simd128(unit)), _) => kernel.run::<_, 2, 4, false>(unit),
+            _ => kernel.run::<_, 2, 1, false>(plain::Plain),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! x86-64: AVX2 and AVX-512, with byte products (VNNI) where the processor has them.
 
-use super::{Kernel, Products, Unit, lane_after_lane};
+use super::{Kernel, Products, Unit, lane_after_lane, odd_after_even};
 use crate::lanes::Row;
 use crate::lanes::dense::{Block, Dense};
 use pulp::x86::{V3, V4};
@@ -61,14 +61,39 @@ impl Unit for V3 {
 
     #[inline(always)]
     fn scale(self, sums: __m256i, multipliers: __m256i) -> __m256i {
+        let [even, odd] = self.rounded(sums, multipliers);
+        let even = self.avx2._mm256_srli_epi64::<32>(even);
+        self.avx2._mm256_blend_epi32::<0b1010_1010>(even, odd)
+    }
+}
+
+/// Products of 64 bits, of which the upper halves count.
+trait Halves: Unit {
+    /// Sums times multipliers, and half of what the upper half counts in: of the even lanes and of the odd ones.
+    fn rounded(self, sums: Self::Vector, multipliers: Self::Vector) -> [Self::Vector; 2];
+
+    /// The upper halves, in each 128 bits of the one and then of the other.
+    fn upper(self, one: Self::Vector, other: Self::Vector) -> Self::Vector;
+}
+
+/// Lanes 1 and 3 of either.
+const UPPER: i32 = 0b11_01_11_01;
+
+impl Halves for V3 {
+    #[inline(always)]
+    fn rounded(self, sums: __m256i, multipliers: __m256i) -> [__m256i; 2] {
         let half = self.avx._mm256_set1_epi64x(1 << 31);
         let odd = self.avx2._mm256_srli_epi64::<32>(sums);
         let even = self.avx2._mm256_mul_epi32(sums, multipliers);
         let odd = self.avx2._mm256_mul_epi32(odd, multipliers);
         let even = self.avx2._mm256_add_epi64(even, half);
-        let odd = self.avx2._mm256_add_epi64(odd, half);
-        let even = self.avx2._mm256_srli_epi64::<32>(even);
-        self.avx2._mm256_blend_epi32::<0b1010_1010>(even, odd)
+        [even, self.avx2._mm256_add_epi64(odd, half)]
+    }
+
+    #[inline(always)]
+    fn upper(self, one: __m256i, other: __m256i) -> __m256i {
+        let [one, other] = [pulp::cast(one), pulp::cast(other)];
+        pulp::cast(self.avx._mm256_shuffle_ps::<UPPER>(one, other))
     }
 }
 
@@ -99,6 +124,21 @@ impl Products<2> for Pairs256 {
             .0
             .avx2
             ._mm256_broadcastsi128_si256(pulp::cast(const { lane_after_lane::<2>() }));
+        self.0.avx2._mm256_shuffle_epi8(bytes, indices)
+    }
+
+    #[inline(always)]
+    fn scale_and_pack(self, [first, second]: [__m256i; 2], multipliers: [__m256i; 2]) -> __m256i {
+        let [first_even, first_odd] = self.0.rounded(first, multipliers[0]);
+        let [second_even, second_odd] = self.0.rounded(second, multipliers[1]);
+        let even = self.0.upper(first_even, second_even);
+        let odd = self.0.upper(first_odd, second_odd);
+        let words = self.0.avx2._mm256_packs_epi32(even, odd);
+        let bytes = self.0.avx2._mm256_packus_epi16(words, words);
+        let indices = self
+            .0
+            .avx2
+            ._mm256_broadcastsi128_si256(pulp::cast(const { odd_after_even::<2>() }));
         self.0.avx2._mm256_shuffle_epi8(bytes, indices)
     }
 }
@@ -140,15 +180,28 @@ impl Unit for V4 {
 
     #[inline(always)]
     fn scale(self, sums: __m512i, multipliers: __m512i) -> __m512i {
+        let [even, odd] = self.rounded(sums, multipliers);
+        // The even lanes' upper halves, beside the odd ones'.
+        self.avx512f
+            ._mm512_mask_shuffle_epi32::<0b11_11_01_01>(odd, 0b0101_0101_0101_0101, even)
+    }
+}
+
+impl Halves for V4 {
+    #[inline(always)]
+    fn rounded(self, sums: __m512i, multipliers: __m512i) -> [__m512i; 2] {
         let half = self.avx512f._mm512_set1_epi64(1 << 31);
         let odd = self.avx512f._mm512_srli_epi64::<32>(sums);
         let even = self.avx512f._mm512_mul_epi32(sums, multipliers);
         let odd = self.avx512f._mm512_mul_epi32(odd, multipliers);
         let even = self.avx512f._mm512_add_epi64(even, half);
-        let odd = self.avx512f._mm512_add_epi64(odd, half);
-        // The even lanes' upper halves, beside the odd ones'.
-        self.avx512f
-            ._mm512_mask_shuffle_epi32::<0b11_11_01_01>(odd, 0b0101_0101_0101_0101, even)
+        [even, self.avx512f._mm512_add_epi64(odd, half)]
+    }
+
+    #[inline(always)]
+    fn upper(self, one: __m512i, other: __m512i) -> __m512i {
+        let [one, other] = [pulp::cast(one), pulp::cast(other)];
+        pulp::cast(self.avx512f._mm512_shuffle_ps::<UPPER>(one, other))
     }
 }
 
@@ -179,6 +232,21 @@ impl Products<2> for Pairs512 {
             .0
             .avx512f
             ._mm512_broadcast_i32x4(pulp::cast(const { lane_after_lane::<2>() }));
+        self.0.avx512bw._mm512_shuffle_epi8(bytes, indices)
+    }
+
+    #[inline(always)]
+    fn scale_and_pack(self, [first, second]: [__m512i; 2], multipliers: [__m512i; 2]) -> __m512i {
+        let [first_even, first_odd] = self.0.rounded(first, multipliers[0]);
+        let [second_even, second_odd] = self.0.rounded(second, multipliers[1]);
+        let even = self.0.upper(first_even, second_even);
+        let odd = self.0.upper(first_odd, second_odd);
+        let words = self.0.avx512bw._mm512_packs_epi32(even, odd);
+        let bytes = self.0.avx512bw._mm512_packus_epi16(words, words);
+        let indices = self
+            .0
+            .avx512f
+            ._mm512_broadcast_i32x4(pulp::cast(const { odd_after_even::<2>() }));
         self.0.avx512bw._mm512_shuffle_epi8(bytes, indices)
     }
 }
@@ -224,14 +292,14 @@ impl Bytes512 {
 
 /// Kernels compiled for the products' instructions.
 macro_rules! compiled {
-    ($products:ident, $columns:literal, $parts:literal, $features:literal) => {
+    ($products:ident, $columns:literal, $parts:literal, $two:literal, $features:literal) => {
         impl $products {
             /// Runs a kernel.
             #[inline(always)]
             pub(super) fn run(self, kernel: impl Kernel) {
                 #[target_feature(enable = $features)]
                 fn compiled<K: Kernel>(products: $products, kernel: K) {
-                    kernel.run::<_, $columns, $parts>(products);
+                    kernel.run::<_, $columns, $parts, $two>(products);
                 }
                 #[allow(unsafe_code, reason = "whoever has the products has the features")]
                 unsafe {
@@ -242,10 +310,10 @@ macro_rules! compiled {
     };
 }
 
-compiled!(Pairs256, 2, 4, "avx2");
-compiled!(Pairs512, 2, 2, "avx512f,avx512bw");
-compiled!(Bytes256, 4, 2, "avx2,avxvnni");
-compiled!(Bytes512, 4, 2, "avx512f,avx512bw,avx512vnni");
+compiled!(Pairs256, 2, 4, false, "avx2");
+compiled!(Pairs512, 2, 2, true, "avx512f,avx512bw");
+compiled!(Bytes256, 4, 2, false, "avx2,avxvnni");
+compiled!(Bytes512, 4, 2, true, "avx512f,avx512bw,avx512vnni");
 
 /// Byte products of either width: the library of safe vectors leaves the instruction out.
 macro_rules! byte_products {
@@ -279,6 +347,25 @@ macro_rules! byte_products {
                 let high = packs.$narrow(third, fourth);
                 let indices = broadcasts.$broadcast(pulp::cast(const { lane_after_lane::<4>() }));
                 packs.$shuffle(packs.$narrow_unsigned(low, high), indices)
+            }
+
+            #[inline(always)]
+            fn scale_and_pack(self, sums: [$vector; 4], multipliers: [$vector; 4]) -> $vector {
+                let (packs, broadcasts) = (self.0.$packs, self.0.$broadcasts);
+                let [first_even, first_odd] = self.0.rounded(sums[0], multipliers[0]);
+                let [second_even, second_odd] = self.0.rounded(sums[1], multipliers[1]);
+                let [third_even, third_odd] = self.0.rounded(sums[2], multipliers[2]);
+                let [fourth_even, fourth_odd] = self.0.rounded(sums[3], multipliers[3]);
+                let even = packs.$narrow(
+                    self.0.upper(first_even, second_even),
+                    self.0.upper(third_even, fourth_even),
+                );
+                let odd = packs.$narrow(
+                    self.0.upper(first_odd, second_odd),
+                    self.0.upper(third_odd, fourth_odd),
+                );
+                let indices = broadcasts.$broadcast(pulp::cast(const { odd_after_even::<4>() }));
+                packs.$shuffle(packs.$narrow_unsigned(even, odd), indices)
             }
         }
     };

@@ -16,7 +16,7 @@ use super::{Decider, Kind, Needs, Policy, Setup};
 use crate::decisions::{SILENT, VehicleDecisions};
 use crate::lanes::{LANES, Row};
 use crate::senses::{Broadcasts, Senses};
-use firmware::decision::{ACTIONS, Action, PowerPlan, power};
+use firmware::decision::{Action, PowerPlan, power};
 use firmware::form::{ObservationForm, OutputForm};
 use firmware::observation::{INPUTS, NOWHERE};
 use firmware::table::Table;
@@ -90,7 +90,7 @@ impl Policy for LaneActor {
             || {
                 let view = self.encoder.view(senses);
                 self.encoder.encode(&view, &mut self.inputs);
-                let actions = self.network.largest::<ACTIONS>(vectors, &self.inputs);
+                let actions = self.network.choose(vectors, &self.inputs);
                 set(&self.encoder, &self.power_plan, &view, &actions, decisions);
             },
         );
@@ -123,18 +123,25 @@ fn set(
     *decisions.power = powers(plan, encoder.max_power(), view, actions);
 }
 
+/// All bits set where this action is the chosen one. Of a choice between two rows the compiler makes one between their addresses, lane
+/// after lane.
+#[inline(always)]
+fn mask(chosen: i32, action: Action) -> i32 {
+    i32::from(chosen == action as i32).wrapping_neg()
+}
+
 /// Where an action sends: its own place's sub-channel, the best one to contend on, the best one of others, or nowhere.
 #[inline(always)]
 fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
     let mut chosen = [0; LANES];
     for lane in 0..LANES {
-        let silent = i32::from(actions[lane] == Action::Silent as i32).wrapping_neg();
+        let silent = mask(actions[lane], Action::Silent);
         // All bits set, as in no sub-channel.
         const _: () = assert!(SILENT == u8::MAX && NOWHERE as u8 == SILENT);
-        let own = actions[lane] == Action::FullPower as i32;
-        let guest = actions[lane] == Action::Guest as i32;
-        let sub_channel = if own { view.own[lane] } else { view.best[lane] };
-        let sub_channel = if guest { view.guest[lane] } else { sub_channel };
+        let own = mask(actions[lane], Action::FullPower);
+        let guest = mask(actions[lane], Action::Guest);
+        let best = view.best[lane] & !(own | guest);
+        let sub_channel = best | view.own[lane] & own | view.guest[lane] & guest;
         chosen[lane] = (sub_channel | silent) as u8;
     }
     chosen
@@ -154,8 +161,8 @@ fn powers(plan: &PowerPlan, max_power: Dbm, view: &View, actions: &Row<i32>) -> 
                 chosen
             };
         }
-        let guest = actions[lane] == Action::Guest as i32;
-        let gain = if guest { view.guest_gain[lane] } else { view.best_gain[lane] };
+        let guest = mask(actions[lane], Action::Guest);
+        let gain = view.guest_gain[lane] & guest | view.best_gain[lane] & !guest;
         // At full power no gain is reduced.
         powers[lane] = power(max_power, gain, chosen) as i16;
     }

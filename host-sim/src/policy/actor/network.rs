@@ -1,7 +1,7 @@
 //! A table's network for a row of worlds at a time: the integers of [`firmware::network::DenseLayer`], one lane a world.
 
-use crate::lanes::{Dense, DenseRow, LANES, Row, Vectors};
-use firmware::decision::better;
+use crate::lanes::{Activations, Dense, DenseRow, LANES, Row, Vectors};
+use firmware::decision::{ACTIONS, better};
 use firmware::network::{MAX_OUTPUTS, QUAD_ROWS, Quad};
 use firmware::table::Table;
 
@@ -9,9 +9,7 @@ use firmware::table::Table;
 #[derive(Clone, Debug)]
 pub struct LaneNetwork {
     layers: Vec<Dense>,
-    /// Activations as the vector unit takes them.
-    now: Vec<Row<i32>>,
-    next: Vec<Row<i32>>,
+    activations: Activations,
 }
 
 impl LaneNetwork {
@@ -24,47 +22,32 @@ impl LaneNetwork {
             let rows: Vec<DenseRow> = layer.quads().flat_map(|quad| rows(&quad, geometry.inputs)).collect();
             Dense::new(&rows[..geometry.outputs], index == 0)
         });
-        let layers = layers.collect();
-        let words = vec![[0; LANES]; widest.div_ceil(2)];
         Self {
-            layers,
-            now: words.clone(),
-            next: words,
+            layers: layers.collect(),
+            activations: Activations::new(widest),
         }
     }
 
     /// The outputs for encoded observations, `[input][world]`, each in the range of i8; those that the network does not have are 0.
     #[inline(always)]
     pub fn infer(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> [Row<i32>; MAX_OUTPUTS] {
-        self.run_hidden(vectors, inputs);
         let mut outputs = [[0; LANES]; MAX_OUTPUTS];
-        if let Some(layer) = self.layers.last() {
-            vectors.outputs(layer, &self.now, &mut outputs);
-        }
+        vectors.infer(&self.layers, inputs, &mut self.activations, &mut outputs);
         outputs
     }
 
-    /// Indices of the largest of the first `COUNT` outputs; of equal ones the first.
+    /// Indices of the largest of the actions' outputs; of equal ones the first.
     #[inline(always)]
-    pub fn largest<const COUNT: usize>(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> Row<i32> {
-        let outputs = self.infer(vectors, inputs);
+    pub fn choose(&mut self, vectors: Vectors, inputs: &[Row<i32>]) -> Row<i32> {
+        let mut outputs = [[0; LANES]; ACTIONS.next_multiple_of(4)];
+        vectors.infer(&self.layers, inputs, &mut self.activations, &mut outputs);
         let (mut best, mut most) = ([0; LANES], [i32::MIN; LANES]);
-        for (output, row) in outputs.iter().take(COUNT).enumerate() {
+        for (output, row) in outputs.iter().take(ACTIONS).enumerate() {
             for lane in 0..LANES {
                 (best[lane], most[lane]) = better((best[lane], most[lane]), (output as i32, row[lane]));
             }
         }
         best
-    }
-
-    /// The activations behind the last hidden layer.
-    #[inline(always)]
-    fn run_hidden(&mut self, vectors: Vectors, inputs: &[Row<i32>]) {
-        vectors.take_inputs(inputs, &mut self.now);
-        for layer in self.layers.split_last().into_iter().flat_map(|(_, hidden)| hidden) {
-            vectors.hidden(layer, &self.now, &mut self.next);
-            std::mem::swap(&mut self.now, &mut self.next);
-        }
     }
 }
 

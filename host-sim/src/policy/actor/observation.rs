@@ -191,6 +191,14 @@ impl View {
         for offset in 0..sub_channels.count() {
             let sub_channel = carrier(offset, hop, sub_channels);
             let gain = senses.gain(sub_channel);
+            // Where gains hold it likes what they are, and nothing is drawn.
+            let mut likings = gain;
+            if gains_hold == 0 {
+                for lane in 0..LANES {
+                    let (lot, salt) = (self.lot[lane], self.heard.salt[lane]);
+                    likings[lane] = liking(gain[lane], gains_hold, lot, salt, sub_channel as i32);
+                }
+            }
             for lane in 0..LANES {
                 let places = self.heard.places[lane];
                 let open = Open(self.heard.open[lane] as u16).contains(sub_channel);
@@ -209,13 +217,7 @@ impl View {
                     gain[lane],
                     self.place[lane],
                     open,
-                    liking(
-                        gain[lane],
-                        gains_hold,
-                        self.lot[lane],
-                        self.heard.salt[lane],
-                        sub_channel as i32,
-                    ),
+                    likings[lane],
                 );
                 self.own[lane] = sight.own;
                 self.own_gain[lane] = sight.own_gain;
