@@ -3,6 +3,8 @@
 use crate::command::options::progress_spinner;
 use crate::deadline::cycles::{CORE_HZ, SLOT_CYCLES};
 use crate::deadline::{Extent, Images, NetworkReport, Report, STEPS, report};
+use crate::hil::emulator::check_installed;
+use crate::image::build;
 use crate::report::table::{Column, Table};
 use crate::weight_table::WeightTable;
 use kit::error::{Error, Result};
@@ -50,7 +52,12 @@ pub fn run(arguments: &DeadlineArguments) -> Result<()> {
     progress.set_message("building the images");
     let images = match (&arguments.measuring, &arguments.deployed) {
         (Some(measuring), Some(deployed)) => Images::read(deployed, measuring)?,
-        _ => Images::build(|package| progress.set_message(format!("building the images: {package}")))?,
+        _ => {
+            // What is missing is said before minutes of compiling.
+            let _clone = build::needed_clone()?;
+            check_installed()?;
+            Images::build(|package| progress.set_message(format!("building the images: {package}")))?
+        }
     };
     let extent = Extent {
         seed: arguments.seed,

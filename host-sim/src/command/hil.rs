@@ -61,6 +61,9 @@ pub fn run(arguments: &HilArguments) -> Result<()> {
         let expected = format!("at most {}, the vehicles of the cell", scenario.cell.vehicles);
         return Err(Error::input("--units", arguments.units, expected));
     }
+    if arguments.elf.is_none() {
+        let _clone = build::needed_clone()?;
+    }
     check_installed()?;
     let built = || {
         let progress = progress_spinner();

@@ -26,11 +26,7 @@ pub fn measuring(done: impl FnMut(&str)) -> Result<PathBuf> {
 }
 
 fn build(program: &str, arguments: &[&str], mut done: impl FnMut(&str)) -> Result<PathBuf> {
-    let clone = clone().ok_or_else(|| {
-        let working = std::env::current_dir().unwrap_or_default();
-        let expected = "a run within a clone of the repository, whose firmware is built";
-        Error::input("working directory", working.display(), expected)
-    })?;
+    let clone = needed_clone()?;
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()))
         .args(["build", "-p", "firmware", "--bin", program])
         .args(["--profile", "firmware", "--target", TARGET])
@@ -81,6 +77,18 @@ pub fn clone() -> Option<PathBuf> {
     let working = std::env::current_dir().unwrap_or_default();
     let found = clone_around(&working).or_else(|| clone_around(Path::new(env!("CARGO_MANIFEST_DIR"))));
     found.map(Path::to_owned)
+}
+
+/// The same where there is nothing to do without one.
+///
+/// # Errors
+/// [`Error::Input`] names the working directory.
+pub fn needed_clone() -> Result<PathBuf> {
+    clone().ok_or_else(|| {
+        let working = std::env::current_dir().unwrap_or_default();
+        let expected = "a run within a clone of the repository, whose firmware is built";
+        Error::input("working directory", working.display(), expected)
+    })
 }
 
 /// The clone of the repository that a folder is in.
