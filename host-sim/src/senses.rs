@@ -266,6 +266,25 @@ impl Senses<'_> {
         (places, told)
     }
 
+    /// The same in one world.
+    fn place(&self, lane: usize) -> Option<Place> {
+        let announcements = self.readings.announcements;
+        let assigned = announcements.told().row(self.block, self.vehicle)[lane] > 0;
+        let places = if assigned {
+            announcements.booked()
+        } else {
+            self.readings.found
+        };
+        let index = places.row(self.block, self.vehicle)[lane];
+        (index != NO_PLACE).then_some(Place { index, assigned })
+    }
+
+    /// Slots until the last acknowledgement that may be under way has arrived.
+    fn awaited_slots(&self, lane: usize) -> u8 {
+        let awaited = self.readings.awaited;
+        awaited.map_or(0, |awaited| awaited.row(self.block, self.vehicle)[lane])
+    }
+
     /// The vehicle's place in the frame in which everybody has one, that of those who know nothing better. `None` where that did not get
     /// through, and where it is absent.
     pub fn frame_place(&self, lane: usize) -> Option<u16> {
@@ -337,18 +356,14 @@ impl Senses<'_> {
         );
         let age = u32::from(self.ages()[lane]);
         let heard = age < u32::from(Age::MAX.slots());
-        let (places, told) = self.places();
         Measurement::new(&measurement::Readings {
             slot: self.slot,
             gain: &gain[..count],
             interference: &interference[..count],
             last_acknowledged: heard.then(|| SlotIndex(self.slot.0.wrapping_sub(age))),
-            place: (places[lane] != NO_PLACE).then_some(Place {
-                index: places[lane],
-                assigned: told[lane] > 0,
-            }),
+            place: self.place(lane),
             weight: Weight(self.weights()[lane]),
-            awaits_acknowledgement: self.awaits()[lane] > 0,
+            awaits_acknowledgement: self.awaited_slots(lane) > 0,
             broadcast,
         })
         .ok()

@@ -12,6 +12,8 @@ pub struct Book {
     booked: Rows<u16>,
     /// Who has each place. `[world][place]`.
     owners: Vec<Vec<Option<u16>>>,
+    /// How many of the first places are somebody's at least, by world: where to look for a free one.
+    taken: Vec<usize>,
     /// How many vehicles have a place, by world.
     counts: Vec<usize>,
     /// Places of the ring. One item.
@@ -41,6 +43,7 @@ impl Book {
         Self {
             booked: Rows::new(worlds, vehicles, NO_PLACE),
             owners: (0..worlds).map(|_| Vec::with_capacity(room)).collect(),
+            taken: vec![0; worlds],
             counts: vec![0; worlds],
             places: Rows::new(worlds, 1, least),
             needed: Rows::new(worlds, 1, least),
@@ -58,6 +61,7 @@ impl Book {
     pub fn reset(&mut self) {
         self.booked.fill_all(NO_PLACE);
         self.owners.iter_mut().for_each(Vec::clear);
+        self.taken.fill(0);
         self.counts.fill(0);
         self.places.fill_all(self.least);
         self.needed.fill_all(self.least);
@@ -93,9 +97,11 @@ impl Book {
 
     /// Gives a vehicle without a place the first free one.
     pub fn book(&mut self, world: usize, vehicle: usize) {
-        let owners = &self.owners[world];
-        let free = owners.iter().position(Option::is_none).unwrap_or(owners.len());
+        let (owners, taken) = (&self.owners[world], self.taken[world]);
+        let others = owners[taken..].iter();
+        let free = taken + others.take_while(|owner| owner.is_some()).count();
         self.give(world, vehicle, free as u16);
+        self.taken[world] = free + 1;
     }
 
     /// Gives a vehicle without a place one that is nobody's.
@@ -111,6 +117,7 @@ impl Book {
     pub fn release(&mut self, world: usize, vehicle: usize) {
         if let Some(place) = self.place(world, vehicle) {
             self.owners[world][usize::from(place)] = None;
+            self.taken[world] = self.taken[world].min(place.into());
             self.booked.set(world, vehicle, NO_PLACE);
             self.counts[world] -= 1;
         }
@@ -173,6 +180,7 @@ impl Book {
                 }
             }
             self.owners[world].truncate(places.into());
+            self.taken[world] = self.taken[world].min(places.into());
         }
     }
 
@@ -193,7 +201,7 @@ impl Book {
         let before = |end: usize| (2 * end * free + places) / (2 * places);
         let taken = (0..places).filter(|&place| before(place + 1) == before(place));
         self.owners[world].fill(None);
-        self.counts[world] = 0;
+        (self.taken[world], self.counts[world]) = (0, 0);
         for (&owner, place) in order.iter().zip(taken) {
             let owner = usize::from(owner);
             if usize::from(self.booked.get(world, owner)) != place {

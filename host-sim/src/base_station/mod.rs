@@ -55,8 +55,8 @@ const WITHOUT_GAINS: Sharing = Sharing {
     value_power: 1.89,
 };
 
-/// Chance from which a weight is the full one: whatever the sharing, no less than half a step below or above it.
-const ALMOST_SURE: f64 = 0.998;
+/// Minus the logarithm of the least chance that weights tell apart, 1e-9.
+const MOST_FAILURE: f64 = 20.723_265_836_946_41;
 
 /// How far the chance of an owner may fall below that, or must rise above it to become one: so that nobody comes and goes (chosen).
 const CHANCE_MARGIN: f64 = 0.03;
@@ -115,6 +115,8 @@ pub struct BaseStation {
     associated_at: Rows<u32>,
     /// Chance of a transmission of each present vehicle. `[vehicle][world]`.
     chances: Rows<f32>,
+    /// Whether a vehicle is among those who arrive, while places are planned.
+    arrives: Vec<bool>,
     /// Whether places are kept open on purpose, by world.
     keeps_open: Vec<bool>,
     /// Whether owners of such a world have changed, by world.
@@ -157,6 +159,7 @@ impl BaseStation {
             required_db: 10.0 * libm::log10(scenario.radio.required_sinr()),
             associated_at: Rows::new(worlds, vehicles, 0),
             chances: Rows::new(worlds, vehicles, 1.0),
+            arrives: vec![false; vehicles],
             keeps_open: vec![false; worlds],
             changed: vec![false; worlds],
             contended: vec![true; worlds],
@@ -294,20 +297,13 @@ impl BaseStation {
 
     /// Finds out a vehicle's chance in Rayleigh fading around its gain, and the weight of its age that follows.
     fn appraise(&mut self, world: usize, vehicle: usize, gain_db: f32) {
-        let chance = libm::exp(-libm::exp10((self.required_db - f64::from(gain_db)) / 10.0));
-        self.chances.set(world, vehicle, chance as f32);
-        let Sharing {
-            full_weight,
-            weight_power,
-            ..
-        } = self.sharing;
-        // Most vehicles hardly ever fail: then the power would be rounded away.
-        let weight = if chance > ALMOST_SURE {
-            full_weight
-        } else {
-            full_weight * libm::pow(chance.max(1e-9), weight_power)
-        };
-        let weight = weight.round().clamp(1.0, 255.0) as u8;
+        let failure = libm::exp10((self.required_db - f64::from(gain_db)) / 10.0);
+        self.chances.set(world, vehicle, libm::exp(-failure) as f32);
+        // A power of the chance is one exponential more.
+        let exponent = failure.min(MOST_FAILURE) * self.sharing.weight_power;
+        let weight = self.sharing.full_weight * libm::exp(-exponent);
+        // Rounded, within 1 and 255.
+        let weight = ((weight + 0.5) as u8).max(1);
         self.announcements.weights.set(world, vehicle, weight);
     }
 
@@ -326,7 +322,9 @@ impl BaseStation {
         }
         let sharing = self.sharing;
         let open = (sharing.open_per_failure * failures - sharing.rounded_down).max(0.0) as u16;
-        let others = present.filter(|vehicle| !arrivals.contains(vehicle));
+        arrivals.iter().for_each(|&vehicle| self.arrives[vehicle] = true);
+        let arrives = std::mem::take(&mut self.arrives);
+        let others = present.filter(|&vehicle| !arrives[vehicle]);
         let mut owners = 0;
         let mut moved = false;
         for vehicle in others.chain(arrivals.iter().copied()) {
@@ -347,6 +345,8 @@ impl BaseStation {
                 _ => {}
             }
         }
+        self.arrives = arrives;
+        arrivals.iter().for_each(|&vehicle| self.arrives[vehicle] = false);
         let least = self.announcements.sub_channels as u16;
         let everybody = self.announcements.frame.count(world) as u16;
         self.announcements

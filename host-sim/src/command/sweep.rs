@@ -9,10 +9,15 @@ use kit::{remark, say};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
+use std::sync::mpsc::sync_channel;
+use std::sync::{Mutex, OnceLock};
 use std::time::Instant;
 
 /// Points that `--plan` times at most, evenly spread over the grid (chosen).
 const PLAN_POINTS: usize = 16;
+
+/// Threads that wait for the disk (chosen: one write takes some ten milliseconds until it outlives the power, and several take as long).
+const WRITERS: usize = 8;
 
 /// Which grid.
 #[derive(Clone, Debug, clap::Args)]
@@ -130,18 +135,39 @@ pub fn run(arguments: &SweepArguments) -> Result<()> {
     Ok(())
 }
 
-/// Computes points in parallel, and keeps each as soon as it is there.
+/// Computes points in parallel, and keeps each as soon as it is there, while the next are computed.
 fn compute(grid: &Grid, store: &Store, points: &[&Point], hide_progress: bool) -> Result<()> {
     let template = "{bar:40} {pos}/{len} points, {elapsed} so far, {left} left";
     let progress = progress_bar(points.len() as u64, template, hide_progress);
-    points.par_iter().with_max_len(1).try_for_each(|point| {
-        let object = grid.task(point)?()?;
-        store.keep(point.index, Outcome::of(grid.command(), &object)?)?;
-        progress.inc(1);
-        Ok::<(), Error>(())
-    })?;
+    let (sender, receiver) = sync_channel(WRITERS);
+    let (receiver, failure) = (Mutex::new(receiver), OnceLock::new());
+    let write = || {
+        // Also after a failure, so that nobody waits for ever to hand over.
+        while let Some((point, outcome)) = receiver.lock().ok().and_then(|receiver| receiver.recv().ok()) {
+            match store.keep(point, outcome) {
+                Ok(()) => progress.inc(1),
+                Err(error) => drop(failure.set(error)),
+            }
+        }
+    };
+    let computed = std::thread::scope(|scope| {
+        for _ in 0..WRITERS.min(points.len()) {
+            let _joined_at_the_end = scope.spawn(write);
+        }
+        let computed = points.par_iter().with_max_len(1).try_for_each(|point| {
+            if failure.get().is_none() {
+                let object = grid.task(point)?()?;
+                let outcome = Outcome::of(grid.command(), &object)?;
+                // The other end is there as long as this one.
+                let _sent = sender.send((point.index, outcome));
+            }
+            Ok::<(), Error>(())
+        });
+        drop(sender);
+        computed
+    });
     progress.finish_and_clear();
-    Ok(())
+    failure.into_inner().map_or(computed, Err)
 }
 
 /// Reads `1,2,10-19`.
