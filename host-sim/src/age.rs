@@ -305,7 +305,11 @@ impl AgeCounter {
 /// Ages as the paper has them.
 #[inline(always)]
 fn capped(ages: &Row<u16>) -> Row<u16> {
-    ages.map(|age| age.min(TIME_CONSTRAINT))
+    let mut capped = [0; LANES];
+    for lane in 0..LANES {
+        capped[lane] = ages[lane].min(TIME_CONSTRAINT);
+    }
+    capped
 }
 
 #[inline(always)]

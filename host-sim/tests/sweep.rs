@@ -132,6 +132,17 @@ fn files(folder: &Path) -> usize {
         .sum()
 }
 
+/// With far more points than are on their way to the disk at a time: nobody waits for ever to hand over.
+#[cfg(unix)]
+#[test]
+fn a_disk_that_takes_nothing_ends_the_sweep() {
+    let bench = Bench::new(THOUSAND);
+    std::fs::create_dir_all(bench.path("out/points")).unwrap();
+    std::os::unix::fs::symlink("nowhere", bench.path("out/points/000")).unwrap();
+    let refusal = bench.refusal("sweep", "out", &["--threads", "2"]);
+    assert!(refusal.starts_with("error: out/points/000: "), "{refusal}");
+}
+
 #[test]
 fn a_thousand_points_merge_to_the_same_bytes_however_split_killed_and_repeated() {
     let bench = Bench::new(THOUSAND);

@@ -317,5 +317,9 @@ pub fn power_plan(scenario: &Scenario) -> PowerPlan {
 /// Words as numbers that are uniform on `0..count`.
 #[inline(always)]
 fn below(words: &Row<u32>, count: u32) -> Row<u8> {
-    words.map(|word| ((u64::from(word) * u64::from(count)) >> 32) as u8)
+    let mut numbers = [0; LANES];
+    for lane in 0..LANES {
+        numbers[lane] = ((u64::from(words[lane]) * u64::from(count)) >> 32) as u8;
+    }
+    numbers
 }

@@ -21,6 +21,9 @@ pub struct BenchArguments {
     /// What finds the gradients
     #[arg(long, value_parser = choice::<Backend>(), default_value = Backend::default().name())]
     pub backend: Backend,
+    /// Time networks of which no unit is ever silent, and which therefore do not learn
+    #[arg(long)]
+    pub dense: bool,
     /// Seed of the networks and worlds
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -40,14 +43,24 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
     let pool = thread_pool(arguments.threads)?;
     let backend = arguments.backend.name();
     // The schedule of preset `companion`, with a replay that holds what is played here.
-    let settings = [
+    let mut settings = vec![
         "maddpg.replay=10000".to_owned(),
         format!("maddpg.backend={backend}"),
     ];
+    if arguments.dense {
+        // So that it stays so.
+        let rates = [
+            "actor_learning_rate",
+            "critic_learning_rate",
+            "last_actor_learning_rate",
+            "last_critic_learning_rate",
+        ];
+        settings.extend(rates.map(|rate| format!("maddpg.{rate}=0")));
+    }
     let source = ConfigurationSource {
         preset: Preset::Companion,
         file: None,
-        settings: settings.to_vec(),
+        settings,
     };
     let configuration = source.read()?;
     let Algorithm::Maddpg(options) = &configuration.algorithm else {
@@ -55,6 +68,9 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
     };
     let vehicles = configuration.scenario.cell.vehicles;
     let mut learner = MaddpgInCell::new(&configuration.scenario, options, arguments.seed);
+    if arguments.dense {
+        learner.learner.wake();
+    }
     let (total, times, updates) = pool.install(|| {
         let _untimed = learner.advance();
         let (before, first) = (learner.learner.times(), learner.learner.updates());
@@ -79,6 +95,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             json!({
                 "updates_per_second": updates_per_second,
                 "backend": backend,
+                "dense": arguments.dense,
                 "environment_share": environment_share,
                 "slots_per_second": slots_per_second,
                 "vehicles": vehicles,
@@ -90,8 +107,13 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         );
     } else {
         tell!(
-            "The paper's MADDPG, backend {backend}, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
+            "The paper's MADDPG{}, backend {backend}, {vehicles} vehicles, batch {}, delay {}, {} threads: {updates_per_second:.2} updates/s.\n\
              With one slot and one update after the other: {slots_per_second:.2} slots/s, of which the environment takes {:.2} %.",
+            if arguments.dense {
+                " without silent units"
+            } else {
+                ""
+            },
             options.batch,
             options.delay,
             pool.current_num_threads(),

@@ -144,6 +144,32 @@ impl MaddpgLearner {
         }
     }
 
+    /// Raises all hidden biases of a flat critic, of the actors and their critics so far that no unit is silent for a whole batch: what
+    /// an update costs then is what `trainer bench` shows.
+    pub fn wake(&mut self) {
+        // Uniform weights let a unit vary by less than a sixth of what it is fed: five times that is ten times as much a layer.
+        fn raise(network: &Perceptron, learned: &mut Learned) {
+            let mut parameters = learned.parameters.clone();
+            let mut height = 1.0;
+            for layer in 0..network.layers() - 1 {
+                height *= 10.0;
+                parameters[network.biases(layer)]
+                    .iter_mut()
+                    .for_each(|bias| *bias += height);
+            }
+            *learned = Learned::new(parameters);
+        }
+        for group in std::iter::once(&mut self.actors).chain(&mut self.local_critics) {
+            let Group { network, learned, .. } = group;
+            learned.iter_mut().for_each(|learned| raise(network, learned));
+        }
+        if self.options.global_critic == CriticForm::Flat {
+            let (extent, hidden) = (&self.extent, &self.options.global_critic_hidden);
+            let flat = FlatCritic::new(extent.vehicles, extent.observed, self.space, hidden);
+            self.twins.iter_mut().for_each(|twin| raise(&flat.network, twin));
+        }
+    }
+
     /// Goes on from the actors and the critics that the options name, if they do.
     ///
     /// # Errors
