@@ -278,7 +278,15 @@ fn sum_up<P: Products<COLUMNS>, const COLUMNS: usize, const PARTS: usize>(
     first: usize,
 ) -> Sums<P, COLUMNS, PARTS> {
     let mut sums = start::<P, COLUMNS, PARTS>(products, block);
-    for (weights, now) in block.weights.iter().zip(now) {
+    // Two words at a time: the loop itself costs as much as a row.
+    let words = block.weights.len().min(now.len());
+    let (weights, last_weights) = block.weights[..words].as_chunks::<2>();
+    let (now, last) = now[..words].as_chunks::<2>();
+    for (weights, now) in weights.iter().zip(now) {
+        add_word::<P, COLUMNS, PARTS>(products, &mut sums, &weights[0], &now[0], first);
+        add_word::<P, COLUMNS, PARTS>(products, &mut sums, &weights[1], &now[1], first);
+    }
+    for (weights, now) in last_weights.iter().zip(last) {
         add_word::<P, COLUMNS, PARTS>(products, &mut sums, weights, now, first);
     }
     sums
