@@ -93,3 +93,36 @@ impl Presence {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mobility::Place;
+
+    #[test]
+    fn who_comes_and_goes_is_found_in_each_world() {
+        let places = |vehicles: &[usize]| -> Vec<(usize, Place)> {
+            vehicles
+                .iter()
+                .map(|&vehicle| (vehicle, Place::default()))
+                .collect()
+        };
+        for differs in [false, true] {
+            let mut presence = Presence::new(2, 4, differs);
+            let (mut arrivals, mut departures) = (Vec::new(), Vec::new());
+            for (present, came, went) in [
+                (vec![0, 2], vec![0, 2], vec![]),
+                (vec![2, 3], vec![3], vec![0]),
+                (vec![2], vec![], vec![3]),
+            ] {
+                presence.update(1, &places(&present), &mut arrivals, &mut departures);
+                assert_eq!((&arrivals, &departures), (&came, &went));
+                assert_eq!(presence.count(1), present.len());
+                for vehicle in 0..4 {
+                    assert_eq!(presence.contains(1, vehicle), present.contains(&vehicle));
+                    assert!(!differs || !presence.contains(0, vehicle));
+                }
+            }
+        }
+    }
+}

@@ -225,6 +225,7 @@ impl Caller {
         }
         for candidate in &self.candidates[..called] {
             let received = candidate.sends * best_undisturbed / (1.0 - disturbs(candidate));
+            debug_assert!((0.0..=1.0).contains(&received), "no chance: {received}");
             self.received[index].set(world, candidate.vehicle, received as f32);
         }
         called

@@ -909,6 +909,27 @@ mod tests {
         assert_eq!(counts.iter().sum::<u32>(), 3 * u32::from(free));
     }
 
+    /// By the Bessel function of Clarke's model: 0.94 after a slot at the mean of 10 to 14 m/s and 2 GHz, 0.76 after two.
+    #[test]
+    fn gains_hold_while_fading_has_hardly_moved_on() {
+        let hold = |settings: &[&str]| Cell::new(3, settings).station.announcements().gains_hold();
+        let follows = "fading.follows_speed=true";
+        for (delay, holds) in [(0, true), (1, true), (2, false), (4, false)] {
+            let delay = format!("knowledge.gain_delay_slots={delay}");
+            assert_eq!(hold(&[follows, &delay]), holds, "{delay}");
+        }
+        let late = "knowledge.gain_delay_slots=1";
+        assert!(!hold(&[late]), "where fading is drawn anew");
+        assert!(!hold(&[follows, late, "radio.carrier_ghz=5.9"]));
+        let walking = ["mobility.min_speed_m_per_s=1", "mobility.max_speed_m_per_s=2"];
+        assert!(hold(&[
+            follows,
+            "knowledge.gain_delay_slots=8",
+            walking[0],
+            walking[1]
+        ]));
+    }
+
     #[test]
     fn an_owner_stays_one_until_its_chance_is_clearly_lower() {
         let gain_db = |chance: f64| (10.0 * libm::log10(-7.0 / libm::log(chance))) as f32;
