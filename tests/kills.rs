@@ -3,6 +3,7 @@
 //! `KILLS` says how many kills each command takes; `./test kills` lets it be a hundred.
 #![allow(clippy::unwrap_used, reason = "a helper that fails is a test that fails")]
 
+use kit::choice::Choice as _;
 use rand_core::Rng as _;
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
@@ -10,9 +11,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use system_tests::{below, program};
+use trainer::configuration::Preset;
 
-/// Kills of each command, unless said otherwise (chosen: a second or two).
+/// Kills of each command, and of each preset's training, unless said otherwise (chosen: a second or two).
 const KILLS: u32 = 4;
+const KILLS_OF_A_PRESET: u32 = 1;
 
 /// Age from which a half-written file counts as left by the dead.
 const SWEPT_UP_AFTER: Duration = Duration::from_millis(1_100);
@@ -89,8 +92,8 @@ fn assert_same(found: &Path, expected: &BTreeMap<PathBuf, Vec<u8>>, what: &str) 
 }
 
 /// Kills a job as often as asked for, now and then lets it end, and compares. `prepare` makes a folder that it can begin in.
-fn kill(job: &Job, seed: u64, prepare: impl Fn(&Path)) {
-    let kills = std::env::var("KILLS").map_or(KILLS, |kills| kills.parse().unwrap());
+fn kill(job: &Job, seed: u64, kills: u32, prepare: impl Fn(&Path)) {
+    let kills = std::env::var("KILLS").map_or(kills, |kills| kills.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("whole");
     prepare(&whole);
@@ -136,9 +139,9 @@ fn kill(job: &Job, seed: u64, prepare: impl Fn(&Path)) {
         std::fs::remove_dir_all(disturbed).unwrap();
     }
     println!(
-        "{} {}: {killed} kills in {round} folders, {partial} half-written files were swept up, {} files as they were",
+        "{} {:?}: {killed} kills in {round} folders, {partial} half-written files were swept up, {} files as they were",
         job.program,
-        job.arguments[0],
+        &job.arguments[..job.arguments.len().min(3)],
         expected.len()
     );
 }
@@ -187,12 +190,12 @@ fn train() -> Job {
 
 #[test]
 fn killed_sweeps_end_in_the_same_bytes() {
-    kill(&sweep(), 1, with_grid);
+    kill(&sweep(), 1, KILLS, with_grid);
 }
 
 #[test]
 fn killed_merges_end_in_the_same_bytes() {
-    kill(&merge(), 2, |folder| {
+    kill(&merge(), 2, KILLS, |folder| {
         with_grid(folder);
         sweep().complete(folder);
     });
@@ -200,12 +203,54 @@ fn killed_merges_end_in_the_same_bytes() {
 
 #[test]
 fn killed_runs_end_in_the_same_bytes() {
-    kill(&run(), 3, empty);
+    kill(&run(), 3, KILLS, empty);
 }
 
 #[test]
 fn killed_trainings_end_in_the_same_bytes() {
-    kill(&train(), 4, empty);
+    kill(&train(), 4, KILLS, empty);
+}
+
+/// Every preset, at a size of a second; whatever a first actor is for begins with another run's.
+#[test]
+fn killed_trainings_of_every_preset_end_in_the_same_bytes() {
+    let first = tempfile::tempdir().unwrap();
+    let train = |preset: Preset| {
+        let size = match preset {
+            Preset::Evolution => {
+                "evolution.episodes=20 evolution.population=8 evolution.elite=2 evolution.worlds=1 evolution.slots=60"
+            }
+            Preset::Paper | Preset::Companion | Preset::CompanionCode | Preset::Freshlane => {
+                "scenario.cell.vehicles=3 maddpg.episodes=8 maddpg.worlds=2 maddpg.slots=20 maddpg.actor_hidden=[8] \
+                 maddpg.local_critic_hidden=[8] maddpg.global_critic_hidden=[8,8] maddpg.batch=8 maddpg.actor_batch=8 maddpg.replay=160 \
+                 maddpg.warm_up_slots=16"
+            }
+            Preset::Ppo | Preset::FineTune | Preset::Mappo | Preset::Ippo => {
+                "ppo.episodes=6 ppo.critic_first_episodes=0 ppo.batches=2 ppo.updates=2 ppo.slots=8 ppo.hidden=[8] ppo.critic_hidden=[8] \
+                 ppo.max_vehicles=6"
+            }
+            Preset::Vdn => {
+                "scenario.cell.vehicles=3 vdn.episodes=8 vdn.worlds=2 vdn.slots=20 vdn.hidden=[8] vdn.batch=8 vdn.replay=160 vdn.warm_up_slots=16"
+            }
+        };
+        let sets: String = size
+            .split_whitespace()
+            .map(|set| format!("--set {set} "))
+            .collect();
+        let from = match preset {
+            Preset::FineTune => format!("--set ppo.first_actor={}/run ", first.path().display()),
+            _ => String::new(),
+        };
+        let arguments = format!(
+            "train --preset {} {sets}{from}--seed 3 --threads 1 --checkpoint-every 0 --resume --out {{}}/run",
+            preset.name()
+        );
+        Job::new("trainer", &arguments, false)
+    };
+    train(Preset::Ppo).complete(first.path());
+    for (seed, &preset) in (5..).zip(Preset::ALL) {
+        kill(&train(preset), seed, KILLS_OF_A_PRESET, empty);
+    }
 }
 
 #[test]
