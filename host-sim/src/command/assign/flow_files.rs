@@ -81,7 +81,7 @@ fn nodes(column: &str, network: &Network, numbers: impl Iterator<Item = u32> + C
 /// Reads the volumes of a flow file. In errors, the rows of a Parquet file are counted like the lines of the same CSV.
 ///
 /// # Errors
-/// As [`flow_table::read`], and [`Error::Input`] for a file that is not Parquet, or has other columns.
+/// As [`flow_table::read`], and [`kit::error::Error::Input`] for a file that is not Parquet, or has other columns.
 pub fn read(path: &Path, network: &Network, road_names: &[String]) -> Result<Vec<f64>> {
     #[cfg(feature = "parquet")]
     if is_parquet(path) {
