@@ -20,6 +20,9 @@ pub const HEADER: &str = "init_node,term_node,volume,cost";
 /// other tools print few digits).
 const CONSERVATION_TOLERANCE: f64 = 1e-6;
 
+/// Whatever carries the demand costs as much as its cheapest paths; flows may fall short of that by this share (chosen: likewise).
+const SHORT_OF_CHEAPEST: f64 = 1e-3;
+
 /// What link flows are worth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluation {
@@ -34,7 +37,11 @@ pub struct Evaluation {
     pub largest_imbalance: f64,
     /// Number of the node with the largest imbalance.
     pub worst_node: u32,
-    /// Whether the largest imbalance is below 1e-6 of the total demand, so that the flows carry it.
+    /// Whether the flows cost less than the demand would on its cheapest paths at their costs: no flows that carry it do, also where
+    /// those that are missing balance at every node.
+    pub is_short: bool,
+    /// Whether the flows carry the demand, as far as they can show: the largest imbalance is below 1e-6 of its total, and they are
+    /// not short of it.
     pub conserves_demand: bool,
 }
 
@@ -95,6 +102,7 @@ pub fn evaluate(
     } else {
         largest_imbalance(network, demand, link_flows)
     };
+    let is_short = drivers_total < (1.0 - SHORT_OF_CHEAPEST) * cheapest_total;
     Ok(Evaluation {
         relative_gap: problem::relative_gap(drivers_total, cheapest_total),
         objective: match objective {
@@ -104,7 +112,8 @@ pub fn evaluate(
         total_travel_time,
         largest_imbalance,
         worst_node,
-        conserves_demand: largest_imbalance <= CONSERVATION_TOLERANCE * demand.total(),
+        is_short,
+        conserves_demand: largest_imbalance <= CONSERVATION_TOLERANCE * demand.total() && !is_short,
     })
 }
 

@@ -407,7 +407,29 @@ fn the_judge_agrees_with_the_solver_and_sees_tampering() {
         link_flows[9] += 1.0;
         let judged = evaluate(&network, &demand, objective, &link_flows).unwrap();
         assert_close(judged.largest_imbalance, 1.0, 1e-9);
-        assert!(!judged.conserves_demand);
+        assert!(!judged.conserves_demand && !judged.is_short);
+    }
+}
+
+/// As many trips back as forth: whatever share of them is missing, every node is balanced.
+#[test]
+fn flows_that_are_short_of_a_balanced_demand_do_not_carry_it() {
+    let road = |init_node, term_node| link(init_node, term_node, 5.0, 1.0, 4.0);
+    let network = network(2, 2, 1, vec![road(1, 2), road(2, 1)]);
+    let trip = |origin, destination| Trip {
+        origin,
+        destination,
+        volume: 8.0,
+    };
+    let demand = Demand::new(2, &[trip(1, 2), trip(2, 1)]).unwrap();
+    for (share, carried) in [(0.0, false), (0.5, false), (0.99, false), (1.0, true)] {
+        let judged = evaluate(&network, &demand, Objective::UserEquilibrium, &[8.0 * share; 2]).unwrap();
+        assert_eq!(judged.largest_imbalance, 0.0);
+        assert_eq!(
+            (judged.conserves_demand, judged.is_short),
+            (carried, !carried),
+            "{share}"
+        );
     }
 }
 

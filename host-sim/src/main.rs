@@ -62,10 +62,7 @@ fn main() -> ExitCode {
         None => command::run::run(&line.run),
         Some(Command::Run(arguments)) => command::run::run(&arguments),
         Some(Command::Loop(arguments)) => command::closed_loop::run(&arguments),
-        Some(Command::Assign(arguments)) => match command::assign::run(&arguments) {
-            Ok(code) => return code,
-            Err(error) => Err(error),
-        },
+        Some(Command::Assign(arguments)) => return command::finish_with(command::assign::run(&arguments)),
         Some(Command::Carry(arguments)) => command::carry::run(&arguments),
         Some(Command::Figures(arguments)) => command::figures::run(&arguments),
         Some(Command::Sweep(arguments)) => command::sweep::run(&arguments),

@@ -499,6 +499,13 @@ fn a_stream_that_takes_nothing_stops_no_work() {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     assert_eq!(run("left", writer.into(), Stdio::null()), Some(0));
+    // Also where a command ends with a code of its own.
+    let mut assign = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    assign
+        .args(["assign", "--net", "grid"])
+        .stdout(full())
+        .stderr(Stdio::null());
+    assert_eq!(assign.status().unwrap().code(), Some(2));
 }
 
 /// What people read fits a terminal of 80 columns; paths are as long as they are.

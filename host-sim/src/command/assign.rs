@@ -298,7 +298,11 @@ fn judge(
     let evaluation = check::evaluate(network, demand, options.objective, &link_flows)?;
     let seconds = check_start.elapsed().as_secs_f64();
     let seconds_total = start.elapsed().as_secs_f64();
-    if !evaluation.conserves_demand {
+    if evaluation.is_short {
+        kit::remark!(
+            "the flows do not carry the demand: they cost less than it would on its cheapest paths; their gap means nothing"
+        );
+    } else if !evaluation.conserves_demand {
         kit::remark!(
             "the flows do not carry the demand: {} vehicles too many or too few at node {}; their gap means nothing",
             evaluation.largest_imbalance,

@@ -65,16 +65,17 @@ pub fn print_completions<P: clap::CommandFactory>(shell: clap_complete::Shell) -
 
 /// Ends a command: an error, also a standard output that took not everything, becomes one line on stderr and exit code 2.
 pub fn finish(outcome: Result<()>) -> ExitCode {
+    finish_with(outcome.map(|()| ExitCode::SUCCESS))
+}
+
+/// As [`finish`], for a command that ends with a code of its own.
+pub fn finish_with(outcome: Result<ExitCode>) -> ExitCode {
     let unsaid = output::failure().map(|kind| format!("standard output: {kind}"));
-    let error = match outcome {
-        Ok(()) => unsaid,
-        Err(error) => Some(error.to_string()),
+    let error = match (outcome, unsaid) {
+        (Ok(code), None) => return code,
+        (Ok(_), Some(unsaid)) => unsaid,
+        (Err(error), _) => error.to_string(),
     };
-    match error {
-        None => ExitCode::SUCCESS,
-        Some(error) => {
-            remark!("error: {error}");
-            ExitCode::from(2)
-        }
-    }
+    remark!("error: {error}");
+    ExitCode::from(2)
 }
