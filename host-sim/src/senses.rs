@@ -305,6 +305,13 @@ impl Senses<'_> {
         awaits
     }
 
+    /// 1 where the vehicle's modem measured in the slot, else 0; `None` where all do.
+    #[inline(always)]
+    pub fn measured(&self) -> Option<&Row<u8>> {
+        let measured = self.readings.measured;
+        measured.map(|measured| measured.row(self.block, self.vehicle))
+    }
+
     /// What the vehicle last heard, where not everybody hears all.
     #[inline(always)]
     pub fn heard(&self) -> Option<Heard<'_>> {
@@ -335,9 +342,7 @@ impl Senses<'_> {
 
     /// What the vehicle's modem measures in a world of the row; `None` as [`Senses::broadcast`], and where it measures nothing.
     pub fn measurement(&self, lane: usize) -> Option<Measurement> {
-        if let Some(measured) = self.readings.measured
-            && measured.row(self.block, self.vehicle)[lane] == 0
-        {
+        if self.measured().is_some_and(|measured| measured[lane] == 0) {
             return None;
         }
         let broadcast = self.broadcast(lane)?;

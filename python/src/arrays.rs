@@ -6,7 +6,7 @@ use firmware::observation::{INPUTS, ONE, Observation};
 use firmware::units::{Level, Weight};
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
-use host_sim::policy::actor::Encoder;
+use host_sim::policy::Observer;
 use pyo3::prelude::*;
 use trainer::game::reward::Reward;
 
@@ -221,7 +221,7 @@ pub struct Part<'a> {
 
 impl Part<'_> {
     /// Takes in a slot's beginning.
-    pub fn fill(&mut self, environment: &Environment<'_>, encoder: &Encoder, reward: &Reward) {
+    pub fn fill(&mut self, environment: &Environment<'_>, observer: &Observer, reward: &Reward) {
         let vehicles = environment.vehicles();
         if environment.present().len() < vehicles {
             self.observations.fill(0);
@@ -230,13 +230,13 @@ impl Part<'_> {
             self.rewards.fill(0.0);
         }
         // A part is filled by one thread, which hears what it needs.
-        let mut encoder = encoder.clone();
+        let mut observer = observer.clone();
         for block in 0..environment.ages().blocks() {
-            encoder.hear(&environment.broadcasts(block));
+            observer.hear(&environment.broadcasts(block));
             let worlds = (environment.worlds() - block * LANES).min(LANES);
             for &vehicle in environment.present() {
                 let first = block * LANES * vehicles + vehicle;
-                self.fill_vehicle(environment, &encoder, block, vehicle, (first, worlds));
+                self.fill_vehicle(environment, &observer, block, vehicle, (first, worlds));
             }
         }
         self.replaced.fill(false);
@@ -252,7 +252,7 @@ impl Part<'_> {
     fn fill_vehicle(
         &mut self,
         environment: &Environment<'_>,
-        encoder: &Encoder,
+        observer: &Observer,
         block: usize,
         vehicle: usize,
         (first, worlds): (usize, usize),
@@ -261,7 +261,7 @@ impl Part<'_> {
         let senses = environment.senses(block, vehicle);
         environment.vectors().run(
             #[inline(always)]
-            || encoder.encode(&encoder.view(&senses), &mut inputs),
+            || observer.encode(&observer.view(&senses), &mut inputs),
         );
         let ages = environment.ages().row(block, vehicle);
         let receptions = environment.receptions().row(block, vehicle);

@@ -7,7 +7,7 @@ use firmware::observation::{INPUTS, Observation};
 use host_sim::decisions::{Decisions, VehicleDecisions};
 use host_sim::environment::Environment;
 use host_sim::lanes::{LANES, Row};
-use host_sim::policy::actor::Encoder;
+use host_sim::policy::Observer;
 use host_sim::policy::{Decider, Policy, power_plan};
 use host_sim::senses::{Broadcasts, Senses};
 use host_sim::simulation::run_slot;
@@ -30,7 +30,7 @@ fn run(setting: &Setting, worlds: u64, slots: u32, seed: u64) -> u64 {
         let mut environment = Environment::new(scenario, source.as_ref(), seed, Purpose::Training, batch);
         let mut decisions = Decisions::new(environment.worlds(), environment.vehicles());
         let mut policy = Decider::Policy(Box::new(EveryFifth {
-            encoder: Encoder::new(scenario.radio.required_level()),
+            observer: Observer::new(scenario.radio.required_level()),
             power_plan: power_plan(scenario),
             inputs: [[0; LANES]; INPUTS],
         }));
@@ -45,21 +45,21 @@ fn run(setting: &Setting, worlds: u64, slots: u32, seed: u64) -> u64 {
 
 /// Encodes every observation and lets every fifth vehicle send.
 struct EveryFifth {
-    encoder: Encoder,
+    observer: Observer,
     power_plan: PowerPlan,
     inputs: [Row<i32>; INPUTS],
 }
 
 impl Policy for EveryFifth {
     fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
-        self.encoder.hear(broadcasts);
+        self.observer.hear(broadcasts);
     }
 
     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
-        let Self { encoder, inputs, .. } = self;
+        let Self { observer, inputs, .. } = self;
         senses.vectors().run(
             #[inline(always)]
-            || encoder.encode(&encoder.view(senses), inputs),
+            || observer.encode(&observer.view(senses), inputs),
         );
         let _ = std::hint::black_box(&self.inputs);
         let first = senses.block() * LANES + senses.vehicle();

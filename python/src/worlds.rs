@@ -14,8 +14,8 @@ use host_sim::decisions::Decisions;
 use host_sim::environment::Environment;
 use host_sim::lanes::LANES;
 use host_sim::mobility::check_slots;
-use host_sim::policy::actor::{self, Encoder};
 use host_sim::policy::power_plan;
+use host_sim::policy::{self, Observer};
 use host_sim::simulation::{Extent, Simulation};
 use host_sim::stream::Purpose;
 use host_sim::thread_pool;
@@ -42,7 +42,7 @@ pub struct Worlds {
     pool: Option<Arc<rayon::ThreadPool>>,
     /// The process whose threads the pool has.
     process: u32,
-    encoder: Encoder,
+    observer: Observer,
     power_plan: PowerPlan,
     reward: Reward,
     purpose: Purpose,
@@ -107,7 +107,7 @@ impl Worlds {
                 .map_err(exception)?
                 .map(Arc::new),
             process: std::process::id(),
-            encoder: Encoder::new(scenario.radio.required_level()),
+            observer: Observer::new(scenario.radio.required_level()),
             power_plan: power_plan(scenario),
             reward,
             purpose,
@@ -142,7 +142,7 @@ impl Worlds {
             decisions: self.decisions.clone(),
             counters: self.counters.clone(),
             pool: self.pool.clone(),
-            encoder: self.encoder.clone(),
+            observer: self.observer.clone(),
             ..*self
         })
     }
@@ -253,7 +253,7 @@ impl Worlds {
 
     /// Carries out every vehicle's action, `[world][vehicle]`, and begins the next slot.
     pub fn act(&mut self, actions: &[Action]) {
-        let (vehicles, plan, encoder) = (self.vehicles, self.power_plan, self.encoder.clone());
+        let (vehicles, plan, observer) = (self.vehicles, self.power_plan, self.observer.clone());
         self.advance(|task| {
             let Task {
                 first,
@@ -276,15 +276,15 @@ impl Worlds {
                 }
                 return;
             }
-            let mut encoder = encoder.clone();
-            encoder.hear(&environment.broadcasts(0));
+            let mut observer = observer.clone();
+            observer.hear(&environment.broadcasts(0));
             let mut chosen = [Action::Silent as i32; LANES];
             for &vehicle in environment.present() {
                 for (world, chosen) in chosen[..worlds].iter_mut().enumerate() {
                     *chosen = of(world, vehicle) as i32;
                 }
                 let senses = environment.senses(0, vehicle);
-                actor::carry_out(&encoder, &plan, &senses, &chosen, &mut decisions.of(0, vehicle));
+                policy::carry_out(&observer, &plan, &senses, &chosen, &mut decisions.of(0, vehicle));
             }
         });
     }
@@ -326,7 +326,7 @@ impl Worlds {
         self.measurements_filled = false;
         self.masks_filled = false;
         let (arrays, decisions, pool) = (&mut self.arrays, &mut self.decisions, &self.pool);
-        let (encoder, reward, worlds) = (&self.encoder, &self.reward, self.worlds);
+        let (observer, reward, worlds) = (&self.observer, &self.reward, self.worlds);
         let counters = self.counters.iter_mut().map(Some);
         let counters = counters.chain(std::iter::repeat_with(|| None));
         self.parts.with(|setting, environments| {
@@ -343,9 +343,9 @@ impl Worlds {
                 Some(pool) => {
                     let tasks: Vec<_> = tasks.collect();
                     let tasks = tasks.into_par_iter();
-                    pool.install(|| tasks.for_each(|task| complete(setting, task, &work, encoder, reward)));
+                    pool.install(|| tasks.for_each(|task| complete(setting, task, &work, observer, reward)));
                 }
-                None => tasks.for_each(|task| complete(setting, task, &work, encoder, reward)),
+                None => tasks.for_each(|task| complete(setting, task, &work, observer, reward)),
             }
             if let Some(first) = environments.first() {
                 arrays.mark_present(first.present());
@@ -397,11 +397,11 @@ fn complete<'s>(
     setting: &'s Setting,
     mut task: Task<'_, 's>,
     work: &impl Fn(&'s Setting, &mut Task<'_, 's>),
-    encoder: &Encoder,
+    observer: &Observer,
     reward: &Reward,
 ) {
     work(setting, &mut task);
-    task.arrays.fill(task.environment, encoder, reward);
+    task.arrays.fill(task.environment, observer, reward);
 }
 
 /// The worlds of each part.

@@ -175,6 +175,12 @@ impl Quantities {
         self.priority() >= self.threshold
     }
 
+    /// Whether a gain carries a report alone, as far as the vehicle knows: it hopes so where gains do not hold. Both are in 1/256 dB.
+    #[inline(always)]
+    pub const fn reaches(&self, gain: i32, required_sinr: i32) -> bool {
+        (gain >= required_sinr) | (self.gains_hold == 0)
+    }
+
     /// Whether it may be a guest where another one's place is: its gain suffices there, and its priority is 8/3 of the threshold or more
     /// (chosen: in the hard cell 5/2 and 4 do alike and 3/2 worse; three eighths need no division). `required_sinr` is in 1/256 dB.
     #[inline(always)]

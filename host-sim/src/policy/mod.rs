@@ -4,6 +4,12 @@
 //! a decentralised [`Policy`] gets what each vehicle [senses](crate::senses), a [`Scheduler`] what a base station
 //! [knows](Knowledge), an [`Oracle`] the [truth](Truth).
 
+mod actions;
+mod observer;
+
+pub use actions::carry_out;
+pub use observer::Observer;
+
 use crate::decisions::{Decisions, VehicleDecisions};
 use crate::lanes::{LANES, LaneStream, Row, Vectors};
 use crate::scenario::Scenario;

@@ -8,22 +8,18 @@
 
 mod forms;
 mod network;
-mod observation;
 mod single;
 mod units;
 
-use super::{Decider, Kind, Needs, Policy, Setup};
-use crate::decisions::{SILENT, VehicleDecisions};
+use super::{Decider, Kind, Needs, Observer, Policy, Setup, actions};
+use crate::decisions::VehicleDecisions;
 use crate::lanes::{LANES, Row};
 use crate::senses::{Broadcasts, Senses};
-use firmware::decision::{Action, PowerPlan, power};
+use firmware::decision::PowerPlan;
 use firmware::form::{ObservationForm, OutputForm};
-use firmware::observation::{INPUTS, NOWHERE};
+use firmware::observation::INPUTS;
 use firmware::table::Table;
-use firmware::units::Dbm;
 use network::LaneNetwork;
-pub use observation::Encoder;
-use observation::View;
 
 /// The frozen int8 network in every vehicle.
 pub static KIND: Kind = Kind {
@@ -60,7 +56,7 @@ fn table_index(tables: &[Table<'_>], vehicle: usize) -> usize {
 
 /// Decides for a row of worlds at a time.
 pub struct LaneActor {
-    encoder: Encoder,
+    observer: Observer,
     inputs: [Row<i32>; INPUTS],
     network: LaneNetwork,
     power_plan: PowerPlan,
@@ -70,7 +66,7 @@ impl LaneActor {
     /// An actor that runs this table, of the shipped one's form.
     pub fn new(table: &Table<'_>) -> Self {
         Self {
-            encoder: Encoder::new(table.required_sinr()),
+            observer: Observer::new(table.required_sinr()),
             inputs: [[0; LANES]; INPUTS],
             network: LaneNetwork::new(table),
             power_plan: *table.power_plan(),
@@ -80,7 +76,7 @@ impl LaneActor {
 
 impl Policy for LaneActor {
     fn hear(&mut self, broadcasts: &Broadcasts<'_>) {
-        self.encoder.hear(broadcasts);
+        self.observer.hear(broadcasts);
     }
 
     fn decide(&mut self, senses: &Senses<'_>, decisions: &mut VehicleDecisions<'_>) {
@@ -88,83 +84,11 @@ impl Policy for LaneActor {
         vectors.run(
             #[inline(always)]
             || {
-                let view = self.encoder.view(senses);
-                self.encoder.encode(&view, &mut self.inputs);
-                let actions = self.network.choose(vectors, &self.inputs);
-                set(&self.encoder, &self.power_plan, &view, &actions, decisions);
+                let view = self.observer.view(senses);
+                self.observer.encode(&view, &mut self.inputs);
+                let chosen = self.network.choose(vectors, &self.inputs);
+                actions::set(&self.observer, &self.power_plan, &view, &chosen, decisions);
             },
         );
     }
-}
-
-/// Carries out actions that somebody else chose for a vehicle in the row of worlds that the encoder heard last.
-pub fn carry_out(
-    encoder: &Encoder,
-    plan: &PowerPlan,
-    senses: &Senses<'_>,
-    actions: &Row<i32>,
-    decisions: &mut VehicleDecisions<'_>,
-) {
-    senses.vectors().run(
-        #[inline(always)]
-        || set(encoder, plan, &encoder.view(senses), actions, decisions),
-    );
-}
-
-#[inline(always)]
-fn set(
-    encoder: &Encoder,
-    plan: &PowerPlan,
-    view: &View,
-    actions: &Row<i32>,
-    decisions: &mut VehicleDecisions<'_>,
-) {
-    *decisions.sub_channel = sub_channels(view, actions);
-    *decisions.power = powers(plan, encoder.max_power(), view, actions);
-}
-
-/// All bits set where this action is the chosen one. Of a choice between two rows the compiler makes one between their addresses, lane
-/// after lane.
-#[inline(always)]
-fn mask(chosen: i32, action: Action) -> i32 {
-    i32::from(chosen == action as i32).wrapping_neg()
-}
-
-/// Where an action sends: its own place's sub-channel, the best one to contend on, the best one of others, or nowhere.
-#[inline(always)]
-fn sub_channels(view: &View, actions: &Row<i32>) -> Row<u8> {
-    let mut chosen = [0; LANES];
-    for lane in 0..LANES {
-        let silent = mask(actions[lane], Action::Silent);
-        // All bits set, as in no sub-channel.
-        const _: () = assert!(SILENT == u8::MAX && NOWHERE as u8 == SILENT);
-        let own = mask(actions[lane], Action::FullPower);
-        let guest = mask(actions[lane], Action::Guest);
-        let best = view.best[lane] & !(own | guest);
-        let sub_channel = best | view.own[lane] & own | view.guest[lane] & guest;
-        chosen[lane] = (sub_channel | silent) as u8;
-    }
-    chosen
-}
-
-/// Powers in 1/256 dBm as [`PowerPlan::decision`] gives them; without meaning for silence.
-#[inline(always)]
-fn powers(plan: &PowerPlan, max_power: Dbm, view: &View, actions: &Row<i32>) -> Row<i16> {
-    let aims = Action::ALL.map(|action| i32::from(plan.aim(action).to_bits()));
-    let mut powers = [0; LANES];
-    for lane in 0..LANES {
-        let mut chosen = 0;
-        for (action, &aim) in Action::ALL.into_iter().zip(&aims) {
-            chosen = if actions[lane] == action as i32 {
-                aim
-            } else {
-                chosen
-            };
-        }
-        let guest = mask(actions[lane], Action::Guest);
-        let gain = view.guest_gain[lane] & guest | view.best_gain[lane] & !guest;
-        // At full power no gain is reduced.
-        powers[lane] = power(max_power, gain, chosen) as i16;
-    }
-    powers
 }

@@ -46,9 +46,9 @@ pub struct View {
     pub guest_gain: Row<i32>,
 }
 
-/// Encodes for networks of one required SINR.
+/// Sees for the vehicles of a row of worlds, in cells of one required SINR.
 #[derive(Clone, Debug)]
-pub struct Encoder {
+pub struct Observer {
     /// In 1/256 dB.
     required: i32,
     max_power: Dbm,
@@ -58,8 +58,8 @@ pub struct Encoder {
     heard: Heard,
 }
 
-impl Encoder {
-    /// For networks of this required SINR.
+impl Observer {
+    /// For cells of this required SINR, in which nothing was heard yet.
     pub fn new(required: Level) -> Self {
         Self {
             required: i32::from(required.to_bits()),
@@ -131,11 +131,23 @@ impl Encoder {
         view
     }
 
+    /// What the vehicle knows in one world of the row.
+    #[inline(always)]
+    pub fn quantities(&self, view: &View, lane: usize) -> Quantities {
+        view.quantities(lane, self.sub_channels, self.gains_hold)
+    }
+
+    /// The required SINR in 1/256 dB.
+    #[inline(always)]
+    pub fn required(&self) -> i32 {
+        self.required
+    }
+
     /// The actor's inputs, each in the range of i8. `[input][world]`.
     #[inline(always)]
     pub fn encode(&self, view: &View, inputs: &mut [Row<i32>; INPUTS]) {
         for lane in 0..LANES {
-            let codes = view.quantities(lane, self.sub_channels, self.gains_hold).encode(self.required);
+            let codes = self.quantities(view, lane).encode(self.required);
             // No iterator over inputs: its end would be asked for in every lane, and the stores masked, which are slow.
             for input in 0..INPUTS {
                 inputs[input][lane] = codes[input];
@@ -173,7 +185,14 @@ impl Heard {
                 .and_then(|sub_channels| Ring::new(last.places[lane], sub_channels));
             if let Some(ring) = ring {
                 let first = ring.first_place(senses.slot());
-                self.set(lane, &ring, first, last.open[lane], last.thresholds[lane], last.salts[lane]);
+                self.set(
+                    lane,
+                    &ring,
+                    first,
+                    last.open[lane],
+                    last.thresholds[lane],
+                    last.salts[lane],
+                );
             }
         }
     }
