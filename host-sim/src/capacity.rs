@@ -123,27 +123,37 @@ pub struct Staleness {
 /// A base station with its belief of the network, and the flows it plans with it: compares planning on what is believed with
 /// planning on what is true.
 #[derive(Debug, Clone)]
-pub struct Planner<'a> {
-    network: &'a Network,
-    demand: &'a Demand,
-    options: &'a Options,
+pub struct Planner {
+    network: Network,
+    demand: Demand,
+    options: Options,
     believed: Vec<f64>,
     planned: Solution,
 }
 
-impl<'a> Planner<'a> {
+impl Planner {
     /// Plans with the capacities of `network`.
     ///
     /// # Errors
     /// As [`assign`].
-    pub fn new(network: &'a Network, demand: &'a Demand, options: &'a Options) -> Result<Self> {
+    pub fn new(network: Network, demand: Demand, options: Options) -> Result<Self> {
         Ok(Self {
+            believed: network.links().iter().map(|link| link.capacity).collect(),
+            planned: assign(&network, &demand, &options)?,
             network,
             demand,
             options,
-            believed: network.links().iter().map(|link| link.capacity).collect(),
-            planned: assign(network, demand, options)?,
         })
+    }
+
+    /// What the planned flows meet where what is known of every road has this age.
+    ///
+    /// # Errors
+    /// As [`CapacityError::uniform`].
+    pub fn uniform(&self, age: f64, error: &CapacityError) -> Result<TrafficState> {
+        let capacities = error.uniform(&self.believed, age)?;
+        let truth = self.network.with_capacities(&capacities)?;
+        Ok(TrafficState::of(&truth, &self.demand, &self.planned.link_flows))
     }
 
     /// The flows planned with the believed capacities.
@@ -159,8 +169,8 @@ impl<'a> Planner<'a> {
         let capacities = error.per_road(&self.believed, ages)?;
         let truth = self.network.with_capacities(&capacities)?;
         let informed_flows = self.informed(&truth)?.link_flows;
-        let stale = TrafficState::of(&truth, self.demand, &self.planned.link_flows);
-        let informed = TrafficState::of(&truth, self.demand, &informed_flows);
+        let stale = TrafficState::of(&truth, &self.demand, &self.planned.link_flows);
+        let informed = TrafficState::of(&truth, &self.demand, &informed_flows);
         Ok(Staleness {
             stale,
             informed,
@@ -171,9 +181,9 @@ impl<'a> Planner<'a> {
     /// Plans with the true capacities, from the flows planned with the believed ones where the algorithm can.
     fn informed(&self, truth: &Network) -> Result<Solution> {
         if self.options.algorithm != Algorithm::PathBased {
-            return assign(truth, self.demand, self.options);
+            return assign(truth, &self.demand, &self.options);
         }
         let start = &self.planned.path_flows;
-        assign_from(truth, self.demand, self.options, start, &mut uninterrupted)
+        assign_from(truth, &self.demand, &self.options, start, &mut uninterrupted)
     }
 }

@@ -5,7 +5,7 @@ use crate::environment::Environment;
 use crate::mobility::{Heading, Place, Road};
 use crate::scenario::Scenario;
 use assignment::grid::{Axis, Direction, Grid};
-use assignment::{Demand, Network, Options, assign};
+use assignment::{Demand, Options};
 use firmware::units::Age;
 use kit::error::Result;
 use rayon::prelude::*;
@@ -21,13 +21,11 @@ const RELATIVE_GAP_OF_MANY: f64 = 1e-6;
 /// See [`RELATIVE_GAP_OF_MANY`] (chosen: up to 5 x 5 blocks have fewer).
 const MANY_PAIRS: usize = 2_000;
 
-/// The road network between the crossings of a scenario's grid.
+/// The road network between the crossings of a scenario's grid, and the flows planned on it.
 pub struct TrafficModel {
     grid: Grid,
-    network: Network,
-    demand: Demand,
+    planner: Planner,
     error: CapacityError,
-    options: Options,
 }
 
 /// What one policy's ages do to traffic.
@@ -58,39 +56,23 @@ impl TrafficSummary {
 pub type RoadAges = Vec<f64>;
 
 impl TrafficModel {
-    /// The network of a scenario.
+    /// The network of a scenario, and what is planned there while all capacities are as believed.
     ///
     /// # Errors
-    /// If the scenario's grid is no network.
+    /// If the scenario's grid is no network, or has no equilibrium.
     pub fn new(scenario: &Scenario) -> Result<Self> {
         let traffic = &scenario.traffic;
         let grid = road_grid(scenario);
         let demand = grid.demand()?;
+        let options = planning_options(&demand);
         Ok(Self {
-            network: grid.network()?,
-            options: planning_options(&demand),
-            demand,
+            planner: Planner::new(grid.network()?, demand, options)?,
             grid,
             error: CapacityError {
                 at_max_age: traffic.max_capacity_error_veh_per_h,
                 max_age: f64::from(Age::TIME_CONSTRAINT.slots()),
             },
         })
-    }
-
-    /// The roads' network.
-    pub fn network(&self) -> &Network {
-        &self.network
-    }
-
-    /// The demand for trips.
-    pub fn demand(&self) -> &Demand {
-        &self.demand
-    }
-
-    /// How equilibria are found.
-    pub fn options(&self) -> &Options {
-        &self.options
     }
 
     /// The road that a vehicle at this place drives on.
@@ -132,19 +114,12 @@ impl TrafficModel {
         Some(ages)
     }
 
-    /// Traffic with each of these ages on all roads alike. No route changes then: the flows are planned once.
+    /// Traffic with each of these ages on all roads alike. No route changes then.
     ///
     /// # Errors
-    /// If the equilibrium cannot be found.
+    /// If an age leaves no capacity.
     pub fn uniform(&self, ages_ms: &[f64]) -> Result<Vec<TrafficState>> {
-        let planned = assign(&self.network, &self.demand, &self.options)?.link_flows;
-        let believed: Vec<f64> = self.network.links().iter().map(|link| link.capacity).collect();
-        let state = |&age: &f64| {
-            let truth = self
-                .network
-                .with_capacities(&self.error.uniform(&believed, age)?)?;
-            Ok(TrafficState::of(&truth, &self.demand, &planned))
-        };
+        let state = |&age: &f64| self.planner.uniform(age, &self.error);
         ages_ms.iter().map(state).collect()
     }
 
@@ -153,8 +128,9 @@ impl TrafficModel {
     /// # Errors
     /// If an equilibrium cannot be found.
     pub fn per_road(&self, worlds: &[RoadAges]) -> Result<Vec<Staleness>> {
-        let planner = Planner::new(&self.network, &self.demand, &self.options)?;
-        let outcomes = worlds.par_iter().map(|ages| planner.staleness(ages, &self.error));
+        let outcomes = worlds
+            .par_iter()
+            .map(|ages| self.planner.staleness(ages, &self.error));
         outcomes.collect()
     }
 

@@ -26,8 +26,7 @@ fn assert_close(found: f64, expected: f64, tolerance: f64) {
 fn one_age_for_all_roads_gives_the_papers_capacity_figures() {
     let grid = Grid::default();
     let (network, demand) = (grid.network().unwrap(), grid.demand().unwrap());
-    let options = options(1e-13);
-    let planner = Planner::new(&network, &demand, &options).unwrap();
+    let planner = Planner::new(network.clone(), demand.clone(), options(1e-13)).unwrap();
     let fresh = TrafficState::of(&network, &demand, &planner.planned().link_flows);
     assert_close(fresh.mean_volume_over_capacity, 0.4444, 0.5e-4);
     assert_close(fresh.max_volume_over_capacity, 0.5333, 0.5e-4);
@@ -78,8 +77,7 @@ fn ages_that_differ_between_roads_cost_time() {
     };
     let ages: Vec<f64> = (0..48).map(age).collect();
     assert_eq!(ages.iter().filter(|&&age| age > 0.0).count(), 24);
-    let options = options(1e-12);
-    let outcome = Planner::new(&network, &demand, &options)
+    let outcome = Planner::new(network, demand, options(1e-12))
         .and_then(|planner| planner.staleness(&ages, &error))
         .unwrap();
     assert_close(outcome.informed.mean_volume_over_capacity, 0.761, 0.5e-3);
@@ -97,8 +95,7 @@ fn ages_that_differ_between_roads_cost_time() {
 fn random_halves_of_old_roads_cost_a_sixth_of_the_trip_time() {
     let grid = Grid::default();
     let (network, demand) = (grid.network().unwrap(), grid.demand().unwrap());
-    let options = options(1e-8);
-    let planner = Planner::new(&network, &demand, &options).unwrap();
+    let planner = Planner::new(network, demand, options(1e-8)).unwrap();
     let error = CapacityError {
         at_max_age: 20.0,
         max_age: 100.0,
