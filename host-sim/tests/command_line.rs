@@ -154,6 +154,7 @@ fn a_run_without_json_writes_figures_and_data() {
         "mean_age.csv",
         "cold_start.svg",
         "age_distribution.svg",
+        "decisions.svg",
         "traffic.csv",
         "volume_over_capacity.svg",
         "travel_time.csv",
@@ -189,6 +190,21 @@ fn a_run_without_json_writes_figures_and_data() {
             .unwrap()
     };
     assert!(left("base station") > left("mean age (ms)"));
+}
+
+/// Where information is never older than a slot there is no figure of how often it is, and the report is there all the same.
+#[test]
+fn a_single_vehicle_has_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = "run --vehicles 1 --worlds 1 --slots 3 --policy actor --out";
+    let output = host_sim(&small.split(' ').chain(folder.path().to_str()).collect::<Vec<_>>());
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(folder.path().join("report.html").exists());
+    assert!(!folder.path().join("age_distribution.svg").exists());
 }
 
 #[test]

@@ -141,7 +141,10 @@ pub fn files(results: &[PolicyResult], description: &str, bound_ms: Option<f64>)
         ),
     ];
     set.extend(start.files("cold_start", ["policy", "slot", "mean_age_ms"])?);
-    set.extend(distribution.files("age_distribution", ["policy", "age_ms", "fraction_above"])?);
+    // Where no information was ever older than a slot there is nothing to draw.
+    if distribution.series.iter().any(|series| !series.points.is_empty()) {
+        set.extend(distribution.files("age_distribution", ["policy", "age_ms", "fraction_above"])?);
+    }
     Ok(set)
 }
 

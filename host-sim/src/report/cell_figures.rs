@@ -1,9 +1,10 @@
-//! What goes on in the cell: who used the sub-channels, and where information is old.
+//! What goes on in the cell: who used the sub-channels, where information is old, and what the network does where.
 
 use super::chart::{MapChart, OccupancyChart, OccupancyGroup, SlotUse};
+use super::decision_map::decision_map;
 use crate::decisions::Decisions;
 use crate::environment::Environment;
-use crate::policy::{Decider, Kind};
+use crate::policy::{Decider, Kind, actor};
 use crate::simulation::{Simulation, run_slot};
 use crate::stream::Purpose;
 use firmware::table::Table;
@@ -24,7 +25,8 @@ const MAP_INTERVAL: u32 = 10;
 /// Side of a map's squares (chosen: about the width of a street).
 const SQUARE_M: f64 = 14.0;
 
-/// Figures of the policies in the worlds of `simulation`: `occupancy.svg`, and on the urban grid `age_map.svg` of the first policy.
+/// Figures of the policies in the worlds of `simulation`: `occupancy.svg`, and on the urban grid `age_map.svg` of the first policy;
+/// `decisions.svg` where the network is among them.
 ///
 /// # Errors
 /// If a figure cannot show its values.
@@ -48,11 +50,16 @@ pub fn files(
             age_map(simulation, policy, table).to_svg()?,
         ));
     }
+    if policies.contains(&&actor::KIND)
+        && let Some(map) = decision_map(simulation, table)
+    {
+        files.push(("decisions.svg".to_owned(), map.to_svg()?));
+    }
     Ok(files)
 }
 
 /// Worlds of a simulation at their start with a policy for them.
-fn start<'s>(
+pub(super) fn start<'s>(
     simulation: &Simulation<'s>,
     policy: &Kind,
     table: &'s Table<'s>,

@@ -5,6 +5,7 @@ pub mod answers;
 pub mod carried;
 pub mod cell_figures;
 pub mod chart;
+pub mod decision_map;
 pub mod html;
 pub mod learning;
 pub mod measured_traffic;

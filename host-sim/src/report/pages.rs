@@ -80,6 +80,11 @@ pub fn run(
                     "Mean age by the vehicles' place under the first policy of the table, in the same colours from 1 to 100 ms in every \
                      report and on the page. Far from the antenna and in shadow reports fail more often.",
                 ),
+                (
+                    "decisions.svg",
+                    "How often the network sends, by the gain that it would send with and its age, and what the clock does in the same \
+                     place: the lighter, the more often. In its own turn a vehicle should send, and where nothing calls it, be silent.",
+                ),
             ]),
         },
     ];

@@ -134,7 +134,6 @@ impl Plot {
 
     /// The vertical axis: grid, ticks, numbers, and the label turned along it, at the left rim.
     pub fn vertical_axis(&self, ticks: &Ticks, label: &[String]) -> Markup {
-        let (label_x, middle) = (RIM_PX + LABEL_PX / 2.0, px(self.y(0.5)));
         html! {
             @for tick in &ticks.ticks {
                 @let y = self.y(ticks.share(tick.value));
@@ -145,6 +144,14 @@ impl Plot {
                 }
             }
             (line(&[(self.left, self.top), (self.left, self.bottom)], INK, 1.25, None))
+            (self.side_label(label))
+        }
+    }
+
+    /// What is along the vertical axis, turned along it, at the left rim.
+    pub fn side_label(&self, label: &[String]) -> Markup {
+        let (label_x, middle) = (RIM_PX + LABEL_PX / 2.0, px(self.y(0.5)));
+        html! {
             g transform={ "rotate(-90 " (label_x) " " (middle) ")" } {
                 (texts(label, (label_x, middle), Type::LABEL, Anchor::Middle))
             }

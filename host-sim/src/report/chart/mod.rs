@@ -14,6 +14,7 @@ mod occupancy;
 mod panels;
 pub(super) mod policy_colours;
 mod roads;
+mod share_maps;
 
 pub use bar::{Bar, BarChart};
 pub use line::{LineChart, Point, Series};
@@ -21,6 +22,7 @@ pub use map::MapChart;
 pub use occupancy::{OccupancyChart, OccupancyGroup, SlotUse};
 pub use panels::side_by_side;
 pub use roads::RoadMapChart;
+pub use share_maps::{ShareMaps, Side, Squares};
 
 use kit::error::{Error, Result};
 
