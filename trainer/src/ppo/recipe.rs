@@ -94,7 +94,7 @@ keys! {
         pub entropy: [f32; 2],
         /// Scores of silence, full power and each joiner level before anything is learned; not used after a
         /// first actor.
-        #[key(range = -100.0..=100.0, source = "chosen: a vehicle sends about every sixth slot")]
+        #[key(range = -100.0..=100.0, source = "chosen: so few contend that they are heard, and it is learned that contending pays")]
         pub first_scores: [f32; 3],
     }
 }
