@@ -453,6 +453,17 @@ impl Assignment {
         }
     }
 
+    /// What flows times costs add up to: time alone where neither tolls nor distance weigh.
+    pub fn name_of_total(&self) -> &'static str {
+        let of_classes = self.classes.iter().map(|class| class.weights);
+        let mut weights = of_classes.chain([self.network.weights()]);
+        if weights.all(|weights| weights == CostWeights::default()) {
+            "total travel time"
+        } else {
+            "total cost"
+        }
+    }
+
     fn total_json(&self, solution: &Solution, classes: &[ClassFlows]) -> Value {
         let Self {
             network,

@@ -239,7 +239,7 @@ fn solve(arguments: &AssignArguments, assignment: &Assignment, start: Instant) -
         say!("{object}");
     } else {
         print_problem(assignment);
-        print_solution(options.gap, solution, seconds, seconds_total);
+        print_solution(assignment, solution, seconds, seconds_total);
         if !assignment.classes.is_empty() {
             say!("");
             say!("{}", class_table(assignment, &solved)?.to_string().trim_end());
@@ -317,7 +317,7 @@ fn judge(
         say!("{object}");
     } else {
         print_problem(assignment);
-        print_evaluation(network, &evaluation);
+        print_evaluation(assignment, &evaluation);
     }
     // Flows from elsewhere may be as far from equilibrium as they are, unless a gap is asked for.
     let close = arguments.gap.is_none_or(|gap| evaluation.relative_gap <= gap);
@@ -365,7 +365,7 @@ fn print_problem(assignment: &Assignment) {
     say!("  within zones       {} (not assigned)", demand.intrazonal());
 }
 
-fn print_solution(gap: f64, solution: &Solution, seconds: f64, seconds_total: f64) {
+fn print_solution(assignment: &Assignment, solution: &Solution, seconds: f64, seconds_total: f64) {
     say!("");
     say!("iteration   relative gap             objective    seconds");
     // All, or evenly spaced ones: always the first and the last.
@@ -393,11 +393,11 @@ fn print_solution(gap: f64, solution: &Solution, seconds: f64, seconds_total: f6
     );
     say!("stopped by           {}", stop_name(solution.stopped));
     say!(
-        "relative gap         {:.4e} ({gap:e} was asked for)",
-        solution.relative_gap
+        "relative gap         {:.4e} ({:e} was asked for)",
+        solution.relative_gap, assignment.options.gap
     );
     say!("objective            {}", solution.objective);
-    say!("total travel time    {}", solution.total_travel_time);
+    say!("{:<21}{}", assignment.name_of_total(), solution.total_travel_time);
     say!("iterations           {}", solution.iterations);
     say!("seconds              {seconds:.3} ({seconds_total:.3} with reading)");
 }
@@ -425,15 +425,15 @@ fn class_table(assignment: &Assignment, solved: &ClassSolution) -> Result<Table>
     ])
 }
 
-fn print_evaluation(network: &Network, evaluation: &Evaluation) {
+fn print_evaluation(assignment: &Assignment, evaluation: &Evaluation) {
     say!("");
     say!("relative gap         {:.4e}", evaluation.relative_gap);
     say!("objective            {}", evaluation.objective);
-    say!("total travel time    {}", evaluation.total_travel_time);
+    say!("{:<21}{}", assignment.name_of_total(), evaluation.total_travel_time);
     say!(
         "largest imbalance    {:.4e} vehicles at node {}",
         evaluation.largest_imbalance,
-        network.node_name(evaluation.worst_node)
+        assignment.network.node_name(evaluation.worst_node)
     );
     say!(
         "carries the demand   {}",

@@ -78,7 +78,7 @@ impl Scheduler for Turns {
     }
 }
 
-/// This thread's processor time in seconds (Linux).
+/// This thread's processor time in seconds (Linux), which may count in ticks.
 fn processor_seconds() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     let nanoseconds: f64 = text.split_whitespace().next()?.parse().ok()?;
@@ -123,7 +123,9 @@ fn measure<'p>(
     let processor: Option<f64> = times.iter().map(|time| time.1).sum();
     Speed {
         slots_per_second: all_slots * threads / seconds,
-        slots_per_processor_second: processor.map(|seconds| all_slots / seconds),
+        slots_per_processor_second: processor
+            .filter(|&seconds| seconds > 0.0)
+            .map(|seconds| all_slots / seconds),
     }
 }
 

@@ -67,7 +67,7 @@ pub(super) fn render(
         solution.relative_gap
     );
     let facts = vec![
-        ("total travel time", solution.total_travel_time.to_string()),
+        (assignment.name_of_total(), solution.total_travel_time.to_string()),
         ("objective", solution.objective.to_string()),
         (
             "converged",
