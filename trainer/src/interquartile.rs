@@ -51,8 +51,8 @@ impl Interquartile {
     }
 }
 
-/// The mean without the lowest and the highest quarter, both rounded down: of three values or fewer, of all.
-fn mean_of_the_middle(values: &mut [f64]) -> f64 {
+/// The mean without the lowest and the highest quarter, both rounded down: of three values or fewer, of all. Sorts them.
+pub fn mean_of_the_middle(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let cut = values.len() / 4;
     let middle = &values[cut..values.len() - cut];

@@ -1,5 +1,6 @@
 //! How reward and age went over the episodes of a study's runs, thinned for a figure.
 
+use crate::interquartile::mean_of_the_middle;
 use crate::laboratory::learner::name;
 use crate::study::{Plan, StudyRun};
 use host_sim::report::learning::{CurvePoint, curves_csv};
@@ -26,12 +27,10 @@ pub fn learning_curves(plan: &Plan, runs: &[StudyRun]) -> Result<String> {
         for start in (0..episodes).step_by(width) {
             let end = (start + width).min(episodes);
             let of = |column: usize| -> [f64; 3] {
-                let means = || read.iter().map(|run| mean(&run[column][start..end]));
-                [
-                    means().sum::<f64>() / read.len() as f64,
-                    means().fold(f64::INFINITY, f64::min),
-                    means().fold(f64::NEG_INFINITY, f64::max),
-                ]
+                let means = read.iter().map(|run| mean(&run[column][start..end]));
+                let mut means: Vec<f64> = means.collect();
+                let middle = mean_of_the_middle(&mut means);
+                [middle, means[0], means[means.len() - 1]]
             };
             points.push(CurvePoint {
                 case: case.name.clone(),

@@ -28,7 +28,7 @@ pub struct CurvePoint {
     pub case: String,
     /// Last of the episodes that the point is the mean of.
     pub episode: u64,
-    /// Mean, least and largest global reward of a slot over the case's seeds.
+    /// Interquartile mean, least and largest of the seeds' mean global reward of a slot.
     pub reward: [f64; 3],
     /// The same for the mean age while exploring.
     pub age_ms: [f64; 3],
@@ -97,9 +97,9 @@ pub fn read_curves(place: &str, text: &str) -> Result<Vec<CurvePoint>> {
 /// Never for the shipped file.
 pub fn paper_figures() -> Result<Vec<NamedText>> {
     let points = read_curves("learning.csv", SHIPPED)?;
-    let note = "Mean over seeds, band from the least to the largest seed; while exploring, in episodes of 100 slots that mostly \
-                begin with unknown ages; each point averages a hundredth of the episodes. Rewards are each preset's own: \
-                minus age over the number of vehicles in the paper's form, over ten in \"freshlane\".";
+    let note = "Interquartile mean over seeds, which of three is their mean, band from the least to the largest seed; while exploring, in \
+                episodes of 100 slots that mostly begin with unknown ages; each point averages a hundredth of the episodes. Rewards are \
+                each preset's own: minus age over the number of vehicles in the paper's form, over ten in \"freshlane\".";
     let chart = |title: &str, vertical, value: fn(&CurvePoint) -> [f64; 3]| LineChart {
         title: title.to_owned(),
         note: note.to_owned(),
