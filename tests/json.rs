@@ -130,6 +130,10 @@ const RUNS: &[(&str, &str)] = &[
         "trainer-export",
         "trainer export --run {}/evolution --onnx {}/actor.onnx",
     ),
+    (
+        "trainer-adapt",
+        "trainer adapt --set radio.min_spectral_efficiency=6 --out {}/six.bin",
+    ),
     ("trainer-key", "trainer key --out {}/key.pem"),
     (
         "trainer-sign",

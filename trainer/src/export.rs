@@ -1,5 +1,6 @@
 //! Weight tables: the binary form and the firmware source that holds it. The layout is [`firmware::table`]'s.
 
+use crate::evaluate::Setting;
 use crate::quantise::QuantisedNetwork;
 use firmware::decision::PowerPlan;
 use firmware::form::{ObservationForm, OutputForm};
@@ -71,6 +72,23 @@ pub fn table_bytes(network: &QuantisedNetwork, header: &Header) -> Result<Vec<u8
     Ok(bytes)
 }
 
+/// The bytes of the same network's table for another setting. All that a network of the shipped form sees of the required SINR are flags
+/// that compare gains with it, and all that it says are levels relative to it, so that it need not be trained anew.
+pub fn adapted(table: &Table<'_>, setting: &Setting) -> Vec<u8> {
+    let mut bytes = table.bytes().to_vec();
+    bytes[REQUIRED_SINR..][..2].copy_from_slice(&setting.required_sinr.to_le_bytes());
+    let levels = setting.power_plan.joiner_levels.map(Level::to_le_bytes);
+    bytes[JOINER_LEVELS..][..levels.as_flattened().len()].copy_from_slice(levels.as_flattened());
+    let end = bytes.len() - 4;
+    let checksum = CHECKSUM.checksum(&bytes[..end]);
+    bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+    bytes
+}
+
+/// Where a table has what a [`Setting`] says.
+const REQUIRED_SINR: usize = 14;
+const JOINER_LEVELS: usize = 18;
+
 /// Rust source that puts the table into flash. `constant` is its name, `command` what made it.
 pub fn table_source(table: &Table<'_>, constant: &str, command: &str) -> String {
     let bytes = table.bytes();
@@ -103,4 +121,51 @@ pub fn table_source(table: &Table<'_>, constant: &str, command: &str) -> String 
     }
     source.push_str("]);\n");
     source
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::mobility::Grid;
+    use host_sim::policy::{actor, clock};
+    use host_sim::scenario::ScenarioSource;
+    use host_sim::simulation::{Extent, Simulation};
+
+    /// The shipped network was distilled at 3 bit/s/Hz: told other rates, it decides there as the clock does.
+    #[test]
+    fn an_adapted_table_serves_other_rates() {
+        let shipped = Table::parse(firmware::tables::DISTILLED).unwrap();
+        assert_eq!(adapted(&shipped, &Setting::of_table(&shipped)), shipped.bytes());
+        for rate in [1, 6] {
+            let settings = vec![format!("radio.min_spectral_efficiency={rate}")];
+            let scenario = ScenarioSource {
+                settings,
+                ..ScenarioSource::default()
+            };
+            let scenario = scenario.read().unwrap();
+            let simulation = Simulation {
+                scenario: &scenario,
+                source: &Grid,
+                extent: Extent {
+                    seed: 1,
+                    worlds: 16,
+                    slots: 1000,
+                    warmup: 500,
+                },
+            };
+            let bytes = adapted(&shipped, &Setting::of_scenario(&scenario));
+            let table = Table::parse(&bytes).unwrap();
+            let vehicles = scenario.cell.vehicles as usize;
+            actor::KIND.check(&scenario, vehicles, &table).unwrap();
+            assert!(actor::KIND.check(&scenario, vehicles, &shipped).is_err());
+            let [by_network, by_rule] = [&actor::KIND, &clock::KIND].map(|kind| {
+                let (ages, _) = simulation.run_policy(kind, &table, |_, _| ()).unwrap();
+                ages.mean_ms
+            });
+            assert!(
+                (by_network / by_rule - 1.0).abs() < 1e-3,
+                "{by_network}, {by_rule}"
+            );
+        }
+    }
 }

@@ -30,6 +30,8 @@ enum Command {
     Compare(command::compare::CompareArguments),
     /// Write a table into the firmware's sources, or prove that the shipped one is reproducible
     Export(command::export::ExportArguments),
+    /// The same network as a table for another C_min
+    Adapt(command::adapt::AdaptArguments),
     /// Make a key for signing tables, or print a key's public half
     Key(command::key::KeyArguments),
     /// Sign a table, as a package that units take over the air
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
         Command::Eval(arguments) => command::eval::run(&arguments),
         Command::Compare(arguments) => command::compare::run(&arguments),
         Command::Export(arguments) => command::export::run(&arguments),
+        Command::Adapt(arguments) => command::adapt::run(&arguments),
         Command::Key(arguments) => command::key::run(&arguments),
         Command::Sign(arguments) => command::sign::run(&arguments),
         Command::Completions { shell } => host_sim::command::print_completions::<CommandLine>(shell),

@@ -394,7 +394,8 @@ fn print_solution(assignment: &Assignment, solution: &Solution, seconds: f64, se
     say!("stopped by           {}", stop_name(solution.stopped));
     say!(
         "relative gap         {:.4e} ({:e} was asked for)",
-        solution.relative_gap, assignment.options.gap
+        solution.relative_gap,
+        assignment.options.gap
     );
     say!("objective            {}", solution.objective);
     say!("{:<21}{}", assignment.name_of_total(), solution.total_travel_time);
@@ -429,7 +430,11 @@ fn print_evaluation(assignment: &Assignment, evaluation: &Evaluation) {
     say!("");
     say!("relative gap         {:.4e}", evaluation.relative_gap);
     say!("objective            {}", evaluation.objective);
-    say!("{:<21}{}", assignment.name_of_total(), evaluation.total_travel_time);
+    say!(
+        "{:<21}{}",
+        assignment.name_of_total(),
+        evaluation.total_travel_time
+    );
     say!(
         "largest imbalance    {:.4e} vehicles at node {}",
         evaluation.largest_imbalance,

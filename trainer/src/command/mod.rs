@@ -1,5 +1,6 @@
 //! The command line's sub-commands.
 
+pub mod adapt;
 pub mod bench;
 pub mod cells;
 pub mod compare;
