@@ -281,10 +281,10 @@ pub(super) fn write(
         set.push(("demand.csv".to_owned(), gmns::format_demand(network, demand)));
         (folder, set)
     });
-    for (path, bytes) in files {
-        write_whole(path, &bytes)?;
-    }
-    gmns.map_or(Ok(()), |(folder, set)| write_set(folder, &set))
+    // One that cannot be written keeps no other from being there.
+    let files = files.iter().map(|(path, bytes)| write_whole(path, bytes));
+    let outcome = files.fold(Ok(()), Result::and);
+    outcome.and(gmns.map_or(Ok(()), |(folder, set)| write_set(folder, &set)))
 }
 
 /// Skims of the kind that the file's name asks for.
