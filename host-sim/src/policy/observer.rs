@@ -221,16 +221,7 @@ impl View {
             for lane in 0..LANES {
                 let places = self.heard.places[lane];
                 let open = Open(self.heard.open[lane] as u16).contains(sub_channel);
-                let sight = Sight {
-                    own: self.own[lane],
-                    own_gain: self.own_gain[lane],
-                    best: self.best[lane],
-                    best_liking: self.best_liking[lane],
-                    best_gain: self.best_gain[lane],
-                    guest: self.guest[lane],
-                    guest_gain: self.guest_gain[lane],
-                };
-                let sight = sight.with(
+                let sight = self.sight(lane).with(
                     sub_channel as i32,
                     place[lane],
                     gain[lane],
@@ -248,6 +239,20 @@ impl View {
                 let after = place[lane] + 1;
                 place[lane] = if after == places { 0 } else { after };
             }
+        }
+    }
+
+    /// What the vehicle has seen so far in one world.
+    #[inline(always)]
+    fn sight(&self, lane: usize) -> Sight {
+        Sight {
+            own: self.own[lane],
+            own_gain: self.own_gain[lane],
+            best: self.best[lane],
+            best_liking: self.best_liking[lane],
+            best_gain: self.best_gain[lane],
+            guest: self.guest[lane],
+            guest_gain: self.guest_gain[lane],
         }
     }
 
@@ -269,15 +274,7 @@ impl View {
             threshold: heard.threshold[lane],
             gains_hold,
             lot: self.lot[lane],
-            sight: Sight {
-                own: self.own[lane],
-                own_gain: self.own_gain[lane],
-                best: self.best[lane],
-                best_liking: self.best_liking[lane],
-                best_gain: self.best_gain[lane],
-                guest: self.guest[lane],
-                guest_gain: self.guest_gain[lane],
-            },
+            sight: self.sight(lane),
         }
     }
 }
