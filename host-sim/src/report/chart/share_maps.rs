@@ -126,7 +126,7 @@ impl ShareMaps {
                 }
             }
             (texts(
-                &[self.horizontal.label.clone()],
+                std::slice::from_ref(&self.horizontal.label),
                 (whole.x(0.5), whole.bottom + 40.0),
                 Type::LABEL,
                 Anchor::Middle,
