@@ -83,6 +83,7 @@ class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
         ]
         self.agents: list[str] = []
         self._next = 0
+        self._replaces = scenario["cell.replacement_probability"] > 0
         self._state: NDArray[Any] = self._batch._observed()[0].copy()
         # The same objects for every call: what a user seeds stays seeded.
         self.observation_spaces: dict[str, spaces.Space[Any]] = {
@@ -140,15 +141,20 @@ class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
         if not agents:
             return {}, {}, {}, {}, {}
         batch = self._batch
-        before, ages_before = self._state, batch.ages[0].tolist()
-        observed, rewards, _, truncations, _ = batch.step(np.asarray(row)[np.newaxis])
+        before, ages_before = self._state, batch.ages[0].tolist() if self._replaces else []
+        try:
+            # What is no byte is no action; whoever reads it as an array says what it is.
+            array: NDArray[Any] = np.frombuffer(bytes(row), np.uint8)
+        except (TypeError, ValueError):
+            array = np.asarray(row)
+        observed, rewards, _, truncations, _ = batch.step(array[np.newaxis])
         self._state = observed[0].copy()
         observations = dict(zip(agents, self._state, strict=True))
         paid: dict[str, float] = dict(zip(agents, rewards[0].tolist(), strict=True))
         over = bool(truncations[0])
         terminated, truncated = dict.fromkeys(agents, False), dict.fromkeys(agents, over)
         infos = self._infos()
-        replaced = batch.replaced[0].nonzero()[0].tolist() if batch.replaced.any() else ()
+        replaced = batch.replaced[0].nonzero()[0].tolist() if self._replaces else ()
         staying = list(agents)
         for vehicle in replaced:
             agent = agents[vehicle]
@@ -187,7 +193,7 @@ class ParallelEnvironment(ParallelEnv):  # type: ignore[misc]
 
     def _infos(self) -> Infos:
         batch = self._batch
-        known = zip(self.agents, batch.ages[0].tolist(), batch.received[0].tolist(), batch.action_masks[0].astype(np.int8), strict=True)
+        known = zip(self.agents, batch.ages[0].tolist(), batch.received[0].tolist(), batch.action_masks[0].view(np.int8).copy(), strict=True)
         return {
             agent: {"age_ms": age, "received": received, "replaced": False, "action_mask": mask}
             for agent, age, received, mask in known
