@@ -13,6 +13,7 @@ and others, "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Game
 
 import argparse
 import time
+from collections.abc import Iterator
 
 import torch
 from torch import nn
@@ -20,34 +21,36 @@ from torch import nn
 import freshlane
 
 
-def arguments() -> argparse.Namespace:
+def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     number = lambda name, default, text: parser.add_argument(  # noqa: E731
         f"--{name}", type=type(default), default=default, help=f"{text} [default: {default}]"
     )
     number("seed", 1, "of training worlds and of torch")
     number("vehicles", 20, "vehicles in a cell")
-    number("worlds", 64, "worlds at once")
-    number("iterations", 120, "rollouts")
+    number("worlds", 24, "worlds at once")
+    number("iterations", 320, "rollouts")
     number("rollout", 32, "slots of a rollout")
-    number("episode", 640, "slots until all worlds are replaced")
+    number("episode", 256, "slots until all worlds are replaced")
     number("epochs", 2, "passes over a rollout")
-    number("minibatches", 8, "optimiser steps of a pass")
-    number("learning-rate", 3e-3, "first learning rate; it falls linearly to 0")
-    number("discount", 0.95, "of rewards, a slot")
+    number("minibatches", 4, "optimiser steps of a pass")
+    number("learning-rate", 4e-3, "first learning rate; it falls linearly to 0")
+    number("discount", 0.97, "of rewards, a slot")
     number("trace", 0.9, "lambda of the generalised advantage estimate")
     number("clip", 0.2, "largest change of a decision's probability ratio")
-    number("entropy", 0.003, "weight of the entropy bonus")
+    number("entropy", 0.002, "weight of the entropy bonus")
     number("threads", 1, "torch's and the simulator's threads")
     parser.add_argument("--out", help="write the firmware's table to this file")
-    return parser.parse_args()
+    return parser.parse_args(given)
 
 
-def perceptron(*widths: int) -> nn.Sequential:
-    """Dense layers with ReLU between them: what the firmware runs."""
+def perceptron(*widths: int, last: float) -> nn.Sequential:
+    """Dense layers with ReLU between them: what the firmware runs. Orthogonal at first, the last layer with this gain."""
     layers: list[nn.Module] = []
     for inputs, outputs in zip(widths, widths[1:]):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+        nn.init.orthogonal_(layers[-2].weight, 2**0.5 if len(layers) < 2 * len(widths) - 2 else last)
+        nn.init.zeros_(layers[-2].bias)
     return nn.Sequential(*layers[:-1])
 
 
@@ -57,11 +60,10 @@ def with_neighbours(observations: torch.Tensor) -> torch.Tensor:
     return torch.cat([observations, mean], dim=-1)
 
 
-def main() -> None:
-    args = arguments()
+def learn(args: argparse.Namespace, scenario: freshlane.Scenario) -> Iterator[tuple[int, nn.Sequential, float]]:
+    """After each iteration its number, the actor so far, and the mean age in training in ms."""
     torch.manual_seed(args.seed)
     torch.set_num_threads(args.threads)
-    scenario = freshlane.Scenario(settings={"cell.vehicles": args.vehicles})
     env = freshlane.BatchEnvironment(
         scenario,
         worlds=args.worlds,
@@ -71,12 +73,11 @@ def main() -> None:
         reward="team",
         threads=args.threads,
     )
-    actor = perceptron(freshlane.INPUTS, 32, 32, freshlane.ACTIONS)
-    critic = perceptron(2 * freshlane.INPUTS, 64, 64, 1)
+    actor = perceptron(freshlane.INPUTS, 32, 32, freshlane.ACTIONS, last=0.01)
+    critic = perceptron(2 * freshlane.INPUTS, 64, 64, 1, last=1.0)
     with torch.no_grad():
-        # Silence first: if everybody sends in every slot, nobody is received and nothing can be learned.
-        actor[-1].weight *= 0.1
-        actor[-1].bias[0] = 4.0
+        # Silence first, then the own place: if everybody sends in every slot, nobody is received and nothing can be learned.
+        actor[-1].bias[:2] = torch.tensor([4.0, 2.0])
     parameters = [*actor.parameters(), *critic.parameters()]
     optimiser = torch.optim.Adam(parameters, lr=args.learning_rate, eps=1e-5)
 
@@ -87,7 +88,6 @@ def main() -> None:
     values = torch.zeros(args.rollout + 1, *shape[1:])
     # Copied, because views change with every step.
     now = torch.tensor(env.reset()[0])
-    start = time.process_time()
     for iteration in range(args.iterations):
         optimiser.param_groups[0]["lr"] = args.learning_rate * (1 - iteration / args.iterations)
         # Rollout.
@@ -130,10 +130,17 @@ def main() -> None:
                 loss.backward()
                 nn.utils.clip_grad_norm_(parameters, 0.5)
                 optimiser.step()
-        if iteration % 10 == 9:
+        yield iteration + 1, actor, float(-100 * rewards.mean())
+
+
+def main() -> None:
+    args = arguments()
+    scenario = freshlane.Scenario(settings={"cell.vehicles": args.vehicles})
+    start = time.process_time()
+    for iteration, actor, age in learn(args, scenario):
+        if iteration % 10 == 0:
             seconds = time.process_time() - start
-            age = -100 * rewards.mean()
-            print(f"rollout {iteration + 1:4}: mean age {age:6.2f} ms in training, {seconds:4.0f} s of processor time")
+            print(f"rollout {iteration:4}: mean age {age:6.2f} ms in training, {seconds:4.0f} s of processor time")
 
     # Held-out worlds: none of them was trained on.
     learned = freshlane.evaluate(actor, scenario, threads=args.threads)
