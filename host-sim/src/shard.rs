@@ -25,16 +25,16 @@ impl Shard {
 impl FromStr for Shard {
     type Err = String;
 
-    /// Reads `i/N` with `i` from 0 to N - 1.
+    /// Reads `i/N` with `i` from 0 to N - 1; the error says what is expected.
     fn from_str(text: &str) -> Result<Self, String> {
         let (index, count) = text
             .split_once('/')
             .and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)))
-            .ok_or("expected i/N, such as 0/8")?;
+            .ok_or("i/N, such as 0/8")?;
         match count {
-            0 => Err("expected at least one shard".to_owned()),
+            0 => Err("at least one shard".to_owned()),
             count if index < count => Ok(Self { index, count }),
-            count => Err(format!("found index {index}, expected 0 to {}", count - 1)),
+            count => Err(format!("an index from 0 to {}", count - 1)),
         }
     }
 }
@@ -58,10 +58,10 @@ mod tests {
     fn a_shard_s_text_is_checked() {
         assert_eq!("6/7".parse(), Ok(Shard { index: 6, count: 7 }));
         let message = |text: &str| text.parse::<Shard>().unwrap_err();
-        assert_eq!(message("7/7"), "found index 7, expected 0 to 6");
-        assert_eq!(message("0/0"), "expected at least one shard");
+        assert_eq!(message("7/7"), "an index from 0 to 6");
+        assert_eq!(message("0/0"), "at least one shard");
         for text in ["3", "a/b", "-1/4", "1/", "1/2/3"] {
-            assert_eq!(message(text), "expected i/N, such as 0/8");
+            assert_eq!(message(text), "i/N, such as 0/8");
         }
     }
 }

@@ -138,6 +138,14 @@ impl Plan {
         }
         for (index, case) in plan.case.iter().enumerate() {
             let folder = folder_name(&case.name);
+            if folder.is_empty() {
+                let found = format!("`{}`", case.name);
+                return Err(Error::input(
+                    format!("{place}: case"),
+                    found,
+                    "a name with a letter or a digit",
+                ));
+            }
             if plan.case[..index]
                 .iter()
                 .any(|other| folder_name(&other.name) == folder)

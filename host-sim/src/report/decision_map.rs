@@ -66,7 +66,7 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
     let plan = power_plan(simulation.scenario);
     let (mut environment, mut decide, mut decisions) = start(simulation, &actor::KIND, table, worlds);
     let [mut by_actor, mut by_clock]: [Panels; 2] = Default::default();
-    let (mut seen, mut agreed) = (0_u64, 0_u64);
+    let (mut seen, mut differ) = (0_u64, 0_u64);
     let mut observed = Vec::new();
     for slot in 0..extent.warmup + slots {
         observed.clear();
@@ -87,7 +87,7 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
             count(&mut by_actor, observation, required, by_network);
             count(&mut by_clock, observation, required, by_rule);
             seen += 1;
-            agreed += u64::from(by_network == by_rule);
+            differ += u64::from(by_network != by_rule);
         }
     }
     let rows = [("actor", &by_actor), ("clock", &by_clock)];
@@ -95,11 +95,12 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
     let figure = ShareMaps {
         title: "What the network does where".to_owned(),
         note: format!(
-            "Every decision of the actor in {worlds} worlds x {slots} slots after {}, seed {}, and what the clock would have done in its \
-             place: {:.2} % are the same. Squares that it came to at least {LEAST_SEEN} times; what lies beyond is in those at the rim.",
+            "Decisions of the actor that had a measurement in {} x {slots} slots after {}, seed {}, and what the clock would have done in \
+             its place: in sub-channel or power {differ} of {seen} differ. Blank where it came fewer than {LEAST_SEEN} times; what lies \
+             beyond is in the squares at the rim. A frame is a round of the ring.",
+            counted(worlds, "world"),
             extent.warmup,
             extent.seed,
-            100.0 * agreed as f64 / seen.max(1) as f64
         ),
         quantity: "share that sends".to_owned(),
         horizontal: Side {
@@ -116,6 +117,10 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
     let is_seen =
         |(_, panels): &(String, Vec<Squares>)| panels.iter().flatten().flatten().any(Option::is_some);
     figure.rows.iter().any(is_seen).then_some(figure)
+}
+
+fn counted(number: u64, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
 fn count(panels: &mut Panels, observation: &Observation, required: Level, decision: Decision) {

@@ -83,7 +83,8 @@ pub fn run(
                 (
                     "decisions.svg",
                     "How often the network sends, by the gain that it would send with and its age, and what the clock does in the same \
-                     place: the lighter, the more often. In its own turn a vehicle should send, and where nothing calls it, be silent.",
+                     place: the lighter, the more often; blank where it hardly ever came. What a table does in states that it never met in training shows \
+                     where the two rows differ.",
                 ),
             ]),
         },

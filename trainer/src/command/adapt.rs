@@ -2,10 +2,12 @@
 
 use crate::evaluate::Setting;
 use crate::export::adapted;
+use firmware::form::{ObservationForm, OutputForm};
+use firmware::table::SINR;
 use firmware::units::Level;
 use host_sim::command::options::ScenarioArguments;
 use host_sim::weight_table::WeightTable;
-use kit::error::Result;
+use kit::error::{Error, Result};
 use kit::files::{check_output, write_whole};
 use kit::{say, tell};
 use serde_json::json;
@@ -42,10 +44,20 @@ pub fn run(arguments: &AdaptArguments) -> Result<()> {
     check_output("--out", &arguments.out, &inputs)?;
     let scenario = arguments.scenario.source().read()?;
     let table = WeightTable::read_or_built_in(arguments.table.as_deref())?;
-    let table = table.parse()?;
+    let (name, table) = (table.name().to_owned(), table.parse()?);
     let (before, now) = (Setting::of_table(&table), Setting::of_scenario(&scenario));
-    let bytes = adapted(&table, &now);
-    write_whole(&arguments.out, &bytes)?;
+    let form = (table.observation_form(), table.output_form());
+    if form != (ObservationForm::Ring, OutputForm::Actions) {
+        let found = format!("a network of the form {form:?}");
+        let expected = "one of the shipped form, which alone is told what is enough";
+        return Err(Error::input(name, found, expected));
+    }
+    if !SINR.contains(&now.required_sinr.to_bits()) {
+        let expected = "at most 19.9, whose 60 dB of SINR a table can hold";
+        let rate = scenario.radio.min_spectral_efficiency;
+        return Err(Error::input("radio.min_spectral_efficiency", rate, expected));
+    }
+    write_whole(&arguments.out, &adapted(&table, &now))?;
     let db = |level: Level| level.to_num::<f64>();
     let [required, required_before] = [now, before].map(|setting| db(setting.required_sinr));
     let out = arguments.out.display();

@@ -92,8 +92,8 @@ keys! {
         /// Weights of the entropy at the start and at the end, geometric between.
         #[key(range = 1e-12..=1e3, source = "chosen")]
         pub entropy: [f32; 2],
-        /// Scores of silence, full power and each joiner level before anything is learned; not used after a
-        /// first actor.
+        /// Scores of silence, full power and each joiner level, a guest's too, before anything is learned; not used
+        /// after a first actor.
         #[key(range = -100.0..=100.0, source = "chosen: so few contend that they are heard, and it is learned that contending pays")]
         pub first_scores: [f32; 3],
     }

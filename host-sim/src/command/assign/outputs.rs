@@ -281,10 +281,17 @@ pub(super) fn write(
         set.push(("demand.csv".to_owned(), gmns::format_demand(network, demand)));
         (folder, set)
     });
-    // One that cannot be written keeps no other from being there.
+    // One that cannot be written keeps no other from being there, and each is named.
     let files = files.iter().map(|(path, bytes)| write_whole(path, bytes));
-    let outcome = files.fold(Ok(()), Result::and);
-    outcome.and(gmns.map_or(Ok(()), |(folder, set)| write_set(folder, &set)))
+    let folder = gmns.iter().map(|(folder, set)| write_set(folder, set));
+    let mut failures = files.chain(folder).filter_map(Result::err).peekable();
+    while let Some(failure) = failures.next() {
+        if failures.peek().is_none() {
+            return Err(failure);
+        }
+        kit::remark!("error: {failure}");
+    }
+    Ok(())
 }
 
 /// Skims of the kind that the file's name asks for.

@@ -309,6 +309,15 @@ pub(super) fn rectangle((x0, y0): At, (x1, y1): At, colour: Colour) -> Markup {
     }
 }
 
+/// The same with a thin line around it, so that it is seen on a ground of its own colour.
+pub(super) fn outlined((x0, y0): At, (x1, y1): At, colour: Colour) -> Markup {
+    html! {
+        rect x=(px(x0.min(x1))) y=(px(y0.min(y1))) width=(px((x1 - x0).abs())) height=(px((y1 - y0).abs())) fill=(colour)
+            stroke=(GREY) stroke-width="0.5" {}
+        "\n"
+    }
+}
+
 /// A filled circle.
 pub(super) fn disc((x, y): At, radius_px: f64, colour: Colour) -> Markup {
     html! { circle cx=(px(x)) cy=(px(y)) r=(radius_px) fill=(colour) {} "\n" }

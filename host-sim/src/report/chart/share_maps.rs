@@ -2,7 +2,7 @@
 
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, FAINT, Frame, LABEL_LINE_PX, Plot, RIM_PX, Type, WIDTH_PX, line, rectangle, text, texts,
+    Anchor, FAINT, Frame, LABEL_LINE_PX, Plot, RIM_PX, Type, WIDTH_PX, line, outlined, text, texts,
 };
 use super::map::{BAR_GAP_PX, BAR_PX, colour, colour_bar};
 use super::{Scale, nothing_to_draw};
@@ -119,7 +119,7 @@ impl ShareMaps {
                         };
                         @for (x, share) in line.iter().enumerate() {
                             @if let Some(share) = share {
-                                (rectangle(corner(x, y), corner(x + 1, y + 1), colour(*share)))
+                                (outlined(corner(x, y), corner(x + 1, y + 1), colour(*share)))
                             }
                         }
                     }
