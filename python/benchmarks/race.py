@@ -1,10 +1,11 @@
-"""Who reaches a mean age of 5 ms first from nothing: the trainer's PPO, or a PPO in PyTorch on our own batch of worlds.
+"""Who reaches a mean age of 5 ms first from nothing, and of 4.1 ms: the trainer's PPO, or a PPO in PyTorch on our own batch of worlds.
 
 Both learn in the paper's cell with 20 vehicles, on one thread, and play equally many slots. The other side is `examples/train_ppo.py`, one
-file in the style of CleanRL's ppo.py at the batch's speed, with the preset's first scores, rates, discount and number of worlds. For every seed both run, one after the other, so that other programs
-disturb them alike. As they learn, their actors are set aside; afterwards each is judged in the same way: its int8 form, greedy, on the same held-out
-worlds. Time is processor time of learning alone: without importing PyTorch, without judging, without what the trainer writes at
-its end, but with the checkpoints from which its actors come.
+file in the style of CleanRL's ppo.py at the batch's speed, with the preset's first scores, actor's rate, discount, entropy and number of worlds. For
+every seed both run, one after the other, so that other programs disturb them alike. As they learn, their actors are set aside;
+afterwards each is judged in the same way: its int8 form, greedy, on the same held-out worlds. Time is processor time of learning
+alone: without importing PyTorch, without judging, without what the trainer writes at its end, but with the checkpoints from which
+its actors come, one an episode: it may have been there earlier.
 
     cargo build --release -p trainer
     python benchmarks/race.py --trainer ../target/release/trainer --figure race.svg
@@ -30,7 +31,8 @@ sys.path.append(str(Path(__file__).parents[1] / "examples"))
 import train_ppo
 
 VEHICLES = 20
-GOAL_MS = 5.0
+GOALS_MS = (5.0, 4.1)
+"""What playing the own place gives, and what joining where others are silent gives as well."""
 EPISODES = 40
 """Of the trainer's preset `ppo`, of 6,144 slots each: 24 batches of a world x 8 updates x 32 slots."""
 
@@ -130,38 +132,37 @@ Curve = list[tuple[float, int, float]]
 """Seconds, slots and mean age."""
 
 
-def at_goal(curve: Curve) -> tuple[float, int] | None:
-    """Seconds and slots at the first actor that is there."""
-    return next(((seconds, slots) for seconds, slots, age in curve if age <= GOAL_MS), None)
+def at(goal_ms: float, curve: Curve) -> tuple[float, float]:
+    """Seconds and slots at the first actor that is there; infinite for none."""
+    return next(((seconds, slots) for seconds, slots, age in curve if age <= goal_ms), (float("inf"), float("inf")))
 
 
 def table(curves: dict[str, dict[int, Curve]]) -> str:
     seeds = list(curves[SIDES[0]])
-    lines = [f"| to {GOAL_MS:g} ms | median | {' | '.join(f'seed {seed}' for seed in seeds)} |", "|---" * (len(seeds) + 2) + "|"]
-    medians = []
+    lines = [f"| | median | {' | '.join(f'seed {seed}' for seed in seeds)} |", "|---" * (len(seeds) + 2) + "|"]
+    # Who never gets there takes longer than all others.
+    row = lambda name, form, values: lines.append(  # noqa: E731
+        f"| {name} | {' | '.join('never' if value == float('inf') else form.format(value) for value in [statistics.median(values), *values])} |"
+    )
+    for goal in GOALS_MS:
+        reached = {side: [at(goal, curve) for curve in of_seeds.values()] for side, of_seeds in curves.items()}
+        for side, found in reached.items():
+            row(f"{side}, s to {goal:g} ms", "{:.2f}", [seconds for seconds, _ in found])
+            row(f"{side}, slots", "{:,.0f}", [slots for _, slots in found])
+        row(f"times of PyTorch to those of the trainer, {goal:g} ms", "{:.1f}", [slow / fast for (fast, _), (slow, _) in zip(*reached.values(), strict=True)])
     for side, of_seeds in curves.items():
-        reached = [at_goal(curve) for curve in of_seeds.values()]
-        for unit, index, form in (("s", 0, "{:.2f}"), ("slots", 1, "{:,.0f}")):
-            # Who never gets there takes longer than all others.
-            values = [found[index] if found else float("inf") for found in reached]
-            shown = ["never" if value == float("inf") else form.format(value) for value in [statistics.median(values), *values]]
-            lines.append(f"| {side}, {unit} | {' | '.join(shown)} |")
-            medians.append(statistics.median(values))
         ends = [curve[-1] for curve in of_seeds.values()]
-        last = [age for _, _, age in ends]
-        shown = " | ".join(f"{age:.3f}" for age in [statistics.median(last), *last])
-        lines.append(f"| {side}, ms at the end, after {statistics.median(seconds for seconds, _, _ in ends):.1f} s | {shown} |")
-    lines.append(f"\nmedian times: {medians[2] / medians[0]:.2f} to 1")
+        row(f"{side}, ms after {statistics.median(seconds for seconds, _, _ in ends):.1f} s, the end", "{:.3f}", [age for _, _, age in ends])
     return "\n".join(lines)
 
 
 def figure(curves: dict[str, dict[int, Curve]]) -> str:
     """The curves as an SVG: mean age, logarithmic, over processor time."""
-    width, height, left, right, top, bottom = 720, 360, 60, 700, 40, 310
-    last = max(curve[-1][0] for of_seeds in curves.values() for curve in of_seeds.values())
-    low, high = np.log(3.8), np.log(110)
-    x = lambda seconds: left + (right - left) * seconds / last  # noqa: E731
-    y = lambda age: bottom - (bottom - top) * (np.log(age) - low) / (high - low)  # noqa: E731
+    width, height, left, right, top, bottom = 720, 360, 50, 700, 40, 310
+    first, last = 0.2, max(curve[-1][0] for of_seeds in curves.values() for curve in of_seeds.values())
+    low, high = 3.9, 20.0
+    x = lambda seconds: left + (right - left) * np.log(max(seconds, first) / first) / np.log(last / first)  # noqa: E731
+    y = lambda age: bottom - (bottom - top) * np.log(min(age, high) / low) / np.log(high / low)  # noqa: E731
     text = lambda at_x, at_y, what, anchor="middle", colour="#222222": (  # noqa: E731
         f'<text x="{at_x:.1f}" y="{at_y:.1f}" text-anchor="{anchor}" font-size="13" fill="{colour}">{what}</text>'
     )
@@ -169,20 +170,19 @@ def figure(curves: dict[str, dict[int, Curve]]) -> str:
         f'<svg role="img" width="{width}" height="{height}" viewBox="0 0 {width} {height}" font-family="sans-serif" xmlns="http://www.w3.org/2000/svg">',
         "<title>Mean age of information over processor time of learning</title>",
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
-        text(left, 22, "Mean age on held-out worlds, ms, over processor seconds of learning; a line a seed", "start"),
+        text(left, 22, f"Mean age on held-out worlds, ms, at most {high:g}, over processor seconds of learning", "start"),
     ]
-    for age in (4, 5, 10, 20, 50, 100):
-        dash = ' stroke-dasharray="5 4"' if age == GOAL_MS else ""
-        ink = "#222222" if age == GOAL_MS else "#e1e1e1"
+    for age in (*GOALS_MS, 6, 8, 10, 20):
+        dash, ink = (' stroke-dasharray="5 4"', "#222222") if age in GOALS_MS else ("", "#e1e1e1")
         parts.append(f'<line x1="{left}" x2="{right}" y1="{y(age):.1f}" y2="{y(age):.1f}" stroke="{ink}"{dash}/>')
-        parts.append(text(left - 8, y(age) + 4, age, "end"))
-    for seconds in np.arange(0, last, 2 if last < 30 else 10):
+        parts.append(text(left - 8, y(age) + 4, f"{age:g}", "end"))
+    for seconds in (second for second in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if second <= last):
         parts.append(text(x(seconds), bottom + 20, f"{seconds:g}"))
     for place, (side, colour, dash) in enumerate(zip(SIDES, ("#0072b2", "#c45500"), ("", ' stroke-dasharray="3 2"'), strict=True)):
         for curve in curves[side].values():
             points = " ".join(f"{x(seconds):.1f},{y(age):.1f}" for seconds, _, age in curve)
             parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"{dash}/>')
-        parts.append(text(right, 60 + 20 * place, side, "end", colour))
+        parts.append(text(right - 10, 62 + 20 * place, f"{side}, {len(curves[side])} seeds", "end", colour))
     return "\n".join([*parts, "</svg>\n"])
 
 
@@ -191,22 +191,25 @@ def main() -> None:
     parser.add_argument("--trainer", type=Path, default=Path(__file__).parents[2] / "target/release/trainer", help="the program")
     parser.add_argument("--seeds", type=int, default=5, help="as many training seeds, from 1 on")
     parser.add_argument("--figure", type=Path, help="write the curves to this SVG file")
-    parser.add_argument("--curves", type=Path, help="write the curves to this JSON file")
+    parser.add_argument("--curves", type=Path, help="keep the curves in this JSON file; seeds that are there are not repeated")
     args = parser.parse_args()
     curves: dict[str, dict[int, Curve]] = {side: {} for side in SIDES}
+    if args.curves and args.curves.exists():
+        known = json.loads(args.curves.read_text())
+        curves = {side: {int(seed): curve for seed, curve in known[side].items()} for side in SIDES}
     rows = observations()
     for seed in range(1, args.seeds + 1):
+        if seed in curves[SIDES[0]]:
+            continue
         # Who begins changes, too.
         for side in SIDES[:: 1 if seed % 2 else -1]:
             moments = list(in_trainer(args.trainer, seed) if side == "trainer" else in_pytorch(seed))
-            curve = [(moment.seconds, moment.slots, age_ms(moment.layers, rows)) for moment in moments]
-            curves[side][seed] = curve
-            found = at_goal(curve)
-            there = f"{found[0]:.2f} s, {found[1]:,} slots" if found else "never"
-            print(f"{side}, seed {seed}: at {GOAL_MS:g} ms after {there}; {curve[-1][2]:.3f} ms at the end", flush=True)
+            curves[side][seed] = curve = [(moment.seconds, moment.slots, age_ms(moment.layers, rows)) for moment in moments]
+            times = ", ".join(f"{at(goal, curve)[0]:.2f} s to {goal:g} ms" for goal in GOALS_MS)
+            print(f"{side}, seed {seed}: {times}; {curve[-1][2]:.3f} ms at the end", flush=True)
+        if args.curves:
+            args.curves.write_text(json.dumps(curves))
     print(table(curves))
-    if args.curves:
-        args.curves.write_text(json.dumps(curves))
     if args.figure:
         args.figure.write_text(figure(curves))
 
