@@ -413,7 +413,7 @@ fn bad_grids_and_shards_are_one_line_each() {
     assert!(
         bench
             .refusal("sweep", "out", &["--shard", "7/7"])
-            .contains("found index 7, expected 0 to 6")
+            .contains("found 7/7, expected an index from 0 to 6")
     );
     assert!(
         bench

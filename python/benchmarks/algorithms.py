@@ -2,7 +2,7 @@
 
 Stable-Baselines3's PPO and A2C and BenchMARL's IPPO and MAPPO, through the adapters, on one thread. All play as many slots of a world as the
 trainer's preset `ppo` and have its networks: an actor of 32 and 32 units for all vehicles, a critic of 64 and 64. Actors are judged as in
-`trainer/studies/ppo.toml`: int8, greedy, on 128 held-out worlds x 1,000 slots after 500 of seed 77. Settings were chosen in a
+`trainer/studies/benchmark.toml`: int8, greedy, on 128 held-out worlds x 1,000 slots after 500 of seed 77. Settings were chosen in a
 dozen runs, most of training seeds 21 and 22, which the table has not.
 
     pip install 'freshlane[stable-baselines3,benchmarl]'
