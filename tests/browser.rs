@@ -34,7 +34,7 @@ const FIGURES: &str = r"[...document.querySelectorAll('figure')].map((figure) =>
         title: drawing?.querySelector(':scope > title:first-child')?.textContent.trim() ?? '',
         caption: figure.querySelector('figcaption')?.textContent.trim() ?? '',
         axes: new Set(having(/^[-−]?[\d.,]+$/).map((number) => number.getAttribute('text-anchor'))).size,
-        labels: having(/\((1|ms|s|m|s per trip|veh\/h)\)$/).length,
+        labels: having(/\((1|ms|s|m|dB|frames|s per trip|veh\/h)\)$/).length,
     };
 })";
 
@@ -517,6 +517,6 @@ fn assert_report_can_be_read(arguments: &[&str], file: &str, figure_count: usize
 #[test]
 fn reports_stand_alone_and_can_be_read() {
     // All policies and slots, as by default, in few worlds: figures have their full size.
-    assert_report_can_be_read(&["run", "--worlds", "4"], "report.html", 7);
+    assert_report_can_be_read(&["run", "--worlds", "4"], "report.html", 8);
     assert_report_can_be_read(&["loop", "--worlds", "2"], "loop.html", 2);
 }

@@ -102,7 +102,7 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
             extent.warmup,
             extent.seed,
         ),
-        quantity: "share that sends".to_owned(),
+        quantity: "share that sends (1)".to_owned(),
         horizontal: Side {
             label: "gain above what carries a report (dB)".to_owned(),
             range: MARGINS_DB,
