@@ -134,7 +134,23 @@ impl Observer {
     /// What the vehicle knows in one world of the row.
     #[inline(always)]
     pub fn quantities(&self, view: &View, lane: usize) -> Quantities {
-        view.quantities(lane, self.sub_channels, self.gains_hold)
+        let heard = &view.heard;
+        Quantities {
+            age: view.age[lane],
+            sub_channels: self.sub_channels,
+            places: heard.places[lane],
+            places_reciprocal: heard.places_reciprocal[lane],
+            frame: heard.frame[lane],
+            place: view.place[lane],
+            assigned: view.assigned[lane],
+            awaits: view.awaits[lane],
+            places_until_turn: until_turn(view.place[lane], heard.first[lane], heard.places[lane]),
+            weight: view.weight[lane],
+            threshold: heard.threshold[lane],
+            gains_hold: self.gains_hold,
+            lot: view.lot[lane],
+            sight: view.sight(lane),
+        }
     }
 
     /// The required SINR in 1/256 dB.
@@ -253,28 +269,6 @@ impl View {
             best_gain: self.best_gain[lane],
             guest: self.guest[lane],
             guest_gain: self.guest_gain[lane],
-        }
-    }
-
-    /// What the vehicle knows in one world.
-    #[inline(always)]
-    fn quantities(&self, lane: usize, sub_channels: i32, gains_hold: i32) -> Quantities {
-        let heard = &self.heard;
-        Quantities {
-            age: self.age[lane],
-            sub_channels,
-            places: heard.places[lane],
-            places_reciprocal: heard.places_reciprocal[lane],
-            frame: heard.frame[lane],
-            place: self.place[lane],
-            assigned: self.assigned[lane],
-            awaits: self.awaits[lane],
-            places_until_turn: until_turn(self.place[lane], heard.first[lane], heard.places[lane]),
-            weight: self.weight[lane],
-            threshold: heard.threshold[lane],
-            gains_hold,
-            lot: self.lot[lane],
-            sight: self.sight(lane),
         }
     }
 }

@@ -252,7 +252,8 @@ fn lost_trips(
     }
 }
 
-fn counted(count: usize, what: &str) -> String {
+/// So many of something, in words.
+pub(super) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 

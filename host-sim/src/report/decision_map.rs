@@ -1,5 +1,6 @@
 //! What the network does where: its decisions over gain and age, beside the clock's in the same place.
 
+use super::answers::counted;
 use super::cell_figures::start;
 use super::chart::{ShareMaps, Side, Squares};
 use crate::policy::{actor, power_plan};
@@ -98,7 +99,7 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
             "Decisions of the actor that had a measurement in {} x {slots} slots after {}, seed {}, and what the clock would have done in \
              its place: in sub-channel or power {differ} of {seen} differ. Blank where it came fewer than {LEAST_SEEN} times; what lies \
              beyond is in the squares at the rim. A frame is a round of the ring.",
-            counted(worlds, "world"),
+            counted(environment.worlds(), "world"),
             extent.warmup,
             extent.seed,
         ),
@@ -117,10 +118,6 @@ pub fn decision_map(simulation: &Simulation<'_>, table: &Table<'_>) -> Option<Sh
     let is_seen =
         |(_, panels): &(String, Vec<Squares>)| panels.iter().flatten().flatten().any(Option::is_some);
     figure.rows.iter().any(is_seen).then_some(figure)
-}
-
-fn counted(number: u64, what: &str) -> String {
-    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
 fn count(panels: &mut Panels, observation: &Observation, required: Level, decision: Decision) {

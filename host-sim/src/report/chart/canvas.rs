@@ -302,18 +302,20 @@ pub(super) fn polygon(points: &[At], colour: Colour, opacity: Option<f64>) -> Ma
 }
 
 /// A filled rectangle between two corners.
-pub(super) fn rectangle((x0, y0): At, (x1, y1): At, colour: Colour) -> Markup {
-    html! {
-        rect x=(px(x0.min(x1))) y=(px(y0.min(y1))) width=(px((x1 - x0).abs())) height=(px((y1 - y0).abs())) fill=(colour) {}
-        "\n"
-    }
+pub(super) fn rectangle(a: At, b: At, colour: Colour) -> Markup {
+    framed(a, b, colour, None)
 }
 
 /// The same with a thin line around it, so that it is seen on a ground of its own colour.
-pub(super) fn outlined((x0, y0): At, (x1, y1): At, colour: Colour) -> Markup {
+pub(super) fn outlined(a: At, b: At, colour: Colour) -> Markup {
+    framed(a, b, colour, Some(GREY))
+}
+
+fn framed((x0, y0): At, (x1, y1): At, colour: Colour, outline: Option<Colour>) -> Markup {
+    let outline_px = outline.map(|_| 0.5);
     html! {
         rect x=(px(x0.min(x1))) y=(px(y0.min(y1))) width=(px((x1 - x0).abs())) height=(px((y1 - y0).abs())) fill=(colour)
-            stroke=(GREY) stroke-width="0.5" {}
+            stroke=[outline] stroke-width=[outline_px] {}
         "\n"
     }
 }

@@ -2,8 +2,8 @@
 
 use super::axis::Ticks;
 use super::canvas::{
-    Anchor, Colour, FAINT, Frame, INK, LABEL_LINE_PX, Plot, RIM_PX, Type, WIDTH_PX, disc, line, rectangle,
-    text, texts,
+    Anchor, At, Colour, FAINT, Frame, INK, LABEL_LINE_PX, Plot, RIM_PX, Type, WIDTH_PX, disc, line,
+    rectangle, text, texts,
 };
 use super::{Axis, Scale, nothing_to_draw};
 use kit::error::Result;
@@ -89,21 +89,11 @@ impl MapChart {
         };
         let horizontal = Ticks::tight(Scale::Linear, [0.0, ground_x]);
         let vertical = Ticks::tight(Scale::Linear, [0.0, ground_y]);
-        let rows = self.values.len() as f64;
         let label_lines = bar_label(&bar, &self.quantity).len() as f64;
         let content = html! {
             (plot.horizontal_axis(&horizontal, &["x (m)".to_owned()]))
             (plot.vertical_axis(&vertical, &["y (m)".to_owned()]))
-            @for (row, columns) in self.values.iter().enumerate() {
-                @let corner = |column: usize, row: usize| {
-                    (plot.x(column as f64 / columns.len() as f64), plot.y(row as f64 / rows))
-                };
-                @for (column, value) in columns.iter().enumerate() {
-                    @if let Some(value) = value {
-                        (rectangle(corner(column, row), corner(column + 1, row + 1), colour(scale.share(*value))))
-                    }
-                }
-            }
+            (squares(&plot, &self.values, |a, b, value| rectangle(a, b, colour(scale.share(value)))))
             (colour_bar(&bar, &scale, &self.quantity))
             @if let Some((x, y, name)) = &self.mark {
                 @let legend_y = plot.bottom + LABEL_BELOW_PX + label_lines * LABEL_LINE_PX;
@@ -115,6 +105,26 @@ impl MapChart {
             }
         };
         Ok(frame.svg(plot.bottom + frame.below(1), &content))
+    }
+}
+
+/// `draw` of every square that has a value, between two of its corners: rows from the bottom up, columns from the left on.
+pub(super) fn squares(
+    plot: &Plot,
+    rows: &[Vec<Option<f64>>],
+    draw: impl Fn(At, At, f64) -> Markup,
+) -> Markup {
+    html! {
+        @for (row, columns) in rows.iter().enumerate() {
+            @let corner = |column: usize, row: usize| {
+                (plot.x(column as f64 / columns.len() as f64), plot.y(row as f64 / rows.len() as f64))
+            };
+            @for (column, value) in columns.iter().enumerate() {
+                @if let Some(value) = value {
+                    (draw(corner(column, row), corner(column + 1, row + 1), *value))
+                }
+            }
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use super::axis::Ticks;
 use super::canvas::{
     Anchor, FAINT, Frame, LABEL_LINE_PX, Plot, RIM_PX, Type, WIDTH_PX, line, outlined, text, texts,
 };
-use super::map::{BAR_GAP_PX, BAR_PX, colour, colour_bar};
+use super::map::{self, BAR_GAP_PX, BAR_PX, colour, colour_bar};
 use super::{Scale, nothing_to_draw};
 use kit::error::Result;
 use maud::html;
@@ -113,16 +113,7 @@ impl ShareMaps {
                             (text(number, (x, plot.bottom + 16.0), Type::LABEL, Anchor::Middle))
                         }
                     }
-                    @for (y, line) in squares.iter().enumerate() {
-                        @let corner = |x: usize, y: usize| {
-                            (plot.x(x as f64 / line.len() as f64), plot.y(y as f64 / squares.len() as f64))
-                        };
-                        @for (x, share) in line.iter().enumerate() {
-                            @if let Some(share) = share {
-                                (outlined(corner(x, y), corner(x + 1, y + 1), colour(*share)))
-                            }
-                        }
-                    }
+                    (map::squares(&plot, squares, |a, b, share| outlined(a, b, colour(share))))
                 }
             }
             (texts(
